@@ -1,0 +1,161 @@
+//! The contract of a board: a state machine without I/O.
+//!
+//! # The driving rule
+//!
+//! After every `handle_…` call, drain [`Board::poll_output`] until it gives `None`; only then ask
+//! [`Board::poll_timeout`] for the next deadline. [`Cell`](crate::stepping::Cell) is the one place that does so.
+//!
+//! # The order of simultaneous things
+//!
+//! At one instant: stimuli first, in the order of their arrival; then characters, by port; then the deadline.
+
+use serde::{Deserialize, Serialize};
+
+use crate::line::Edge;
+use crate::time::Instant;
+use crate::uart::{Character, Receiver};
+
+/// A board: firmware, UARTs and, where it drives a motor, the plant.
+///
+/// A board never fails and never panics, whatever reaches it: a bad byte is an event. It must be deterministic: its
+/// state is a function of what reached it and when. A clone goes the same way as the original.
+pub trait Board: Clone {
+    /// What the board consists of, seen from outside. The same for the board's whole life.
+    fn description(&self) -> Description;
+
+    /// The receiver of each port, in the order of [`Description::ports`], as at power-on.
+    fn receivers(&self) -> Vec<Receiver>;
+
+    /// Something reached the board.
+    fn handle_input(&mut self, now: Instant, input: Input);
+
+    /// A deadline that [`Board::poll_timeout`] gave is due. After a hang, `now` can be later than the deadline.
+    fn handle_timeout(&mut self, now: Instant);
+
+    /// The next thing that the board does, at the instant of the last `handle_…` call.
+    fn poll_output(&mut self) -> Option<Output>;
+
+    /// The board's next deadline.
+    fn poll_timeout(&self) -> Option<Deadline>;
+
+    /// Nothing can leave the board by a port until something reaches it, however long it is left alone. It may still
+    /// have deadlines, for telemetry.
+    fn mute(&self) -> bool {
+        self.poll_timeout().is_none()
+    }
+}
+
+/// What reaches a board.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Input {
+    /// A character on a port.
+    Character {
+        /// The port's place in [`Description::ports`].
+        port: u8,
+        /// What was received.
+        character: Character,
+    },
+    /// Something that does not come over a line.
+    Stimulus(Stimulus),
+}
+
+/// What can reach a board other than over its lines.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum Stimulus {
+    /// The firmware stops running (`true`) or runs on. Hardware receivers, outputs and the plant are not affected.
+    /// The stepping loop sees to it; boards are not told.
+    Hang(bool),
+    /// The firmware starts anew. The plant stays where it is.
+    Reset,
+    /// The motor's shaft is blocked (`true`) or free again.
+    Stall(bool),
+    /// The program behind a PC's UART writes bytes to be sent.
+    Write(Vec<u8>),
+    /// The program behind a PC's UART discards what has not been sent.
+    Discard,
+    /// The program behind a PC's UART sets its speed in baud and whether `XON`/`XOFF` hold the transmitter.
+    Configure {
+        /// Bits per second.
+        baud: u32,
+        /// `XOFF` stops the transmitter, `XON` starts it.
+        ixon: bool,
+    },
+}
+
+/// What a board does.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum Output {
+    /// A character is committed to a port's line.
+    Character {
+        /// The port's place in [`Description::ports`].
+        port: u8,
+        /// The character's edges, the first one not before the instant of the output.
+        edges: Vec<Edge>,
+        /// The end of its stop bit. No further edge comes before.
+        end: Instant,
+    },
+    /// The port goes idle now; edges committed for later will not come.
+    Cut {
+        /// The port's place in [`Description::ports`].
+        port: u8,
+    },
+    /// A quantity that has changed.
+    Telemetry {
+        /// The quantity's place in [`Description::signals`].
+        signal: u8,
+        /// Its new value, in the signal's unit.
+        value: i64,
+    },
+    /// Something worth telling.
+    Event {
+        /// The event's place in [`Description::events`].
+        event: u8,
+        /// The event's value: see the event's text.
+        value: i64,
+    },
+}
+
+/// When a board wants to run next, and why.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Deadline {
+    /// When.
+    pub at: Instant,
+    /// Why, for people.
+    pub why: &'static str,
+    /// Whether the board waits for the world outside the rig to stay silent: with a person at the other end and time
+    /// running free, this must not pass in no time at all.
+    pub outside: bool,
+}
+
+/// What a board consists of, seen from outside.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Description {
+    /// The ports' names.
+    pub ports: Vec<String>,
+    /// The quantities in its telemetry.
+    pub signals: Vec<Signal>,
+    /// The events' texts; `{}` stands for the value, `{c}` for the value as a character.
+    pub events: Vec<String>,
+}
+
+/// A quantity in a board's telemetry.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Signal {
+    /// Its name, with the unit last: `speed_rpm`.
+    pub name: String,
+    /// Its value before the first telemetry.
+    pub initial: i64,
+}
+
+impl Signal {
+    /// A quantity that is `initial` at the start.
+    pub fn new(name: &str, initial: i64) -> Self {
+        Self { name: name.to_owned(), initial }
+    }
+}
+
+/// An event's text with its value filled in.
+pub fn event_text(text: &str, value: i64) -> String {
+    let character = u8::try_from(value).unwrap_or(b'?');
+    text.replace("{}", &value.to_string()).replace("{c}", &char::from(character).to_string())
+}

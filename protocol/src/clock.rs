@@ -1,0 +1,176 @@
+//! Oscillators: every board counts its own seconds, a little too fast or too slow.
+
+use serde::{Deserialize, Serialize};
+
+use crate::time::{Instant, Span};
+
+const GIGA: u128 = 1_000_000_000;
+
+/// A board's oscillator: how far its rate is from nominal.
+///
+/// The error is in parts per billion and lies within ±[`Clock::MAX_ERROR_PPB`]. Positive is fast: the board's second
+/// is shorter than a true one. A crystal stays within about 100 ppm, a PIC's RC oscillator within a few percent.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Clock {
+    error_ppb: i32,
+}
+
+impl Clock {
+    /// A clock without error.
+    pub const TRUE: Self = Self { error_ppb: 0 };
+    /// The largest error that is accepted, in parts per billion: 20 %.
+    pub const MAX_ERROR_PPB: i32 = 200_000_000;
+
+    /// A clock that is `ppb` parts per billion fast (negative: slow); `None` outside ±20 %.
+    pub const fn from_ppb(ppb: i32) -> Option<Self> {
+        if ppb > Self::MAX_ERROR_PPB || ppb < -Self::MAX_ERROR_PPB {
+            return None;
+        }
+        Some(Self { error_ppb: ppb })
+    }
+
+    /// True time that passes while this clock counts `local`.
+    pub fn span(self, local: Span) -> Span {
+        if self.error_ppb == 0 {
+            return local;
+        }
+        let true_ns = u128::from(local.as_nanos()) * GIGA / self.giga();
+        Span::from_nanos(u64::try_from(true_ns).unwrap_or(u64::MAX))
+    }
+
+    /// 10⁹ ticks of a nominal gigahertz as this clock counts them in a true second.
+    fn giga(self) -> u128 {
+        (GIGA as i128 + i128::from(self.error_ppb)) as u128
+    }
+}
+
+/// A rate in events per second, as an exact fraction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rate {
+    per: u64,
+    seconds: u64,
+}
+
+impl Rate {
+    /// `hz` events in a second. Zero is taken as one: no rate of a board comes from outside unchecked.
+    pub const fn hz(hz: u32) -> Self {
+        Self::fraction(hz as u64, 1)
+    }
+
+    /// `per` events in `seconds` seconds. Zeros are taken as one.
+    pub const fn fraction(per: u64, seconds: u64) -> Self {
+        Self { per: if per == 0 { 1 } else { per }, seconds: if seconds == 0 { 1 } else { seconds } }
+    }
+
+    /// This rate times `n`.
+    pub const fn times(self, n: u64) -> Self {
+        Self::fraction(self.per.saturating_mul(n), self.seconds)
+    }
+}
+
+/// Evenly spaced ticks of a clock: tick `n` lies at `origin + n / rate`, rounded once, so that no error adds up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Ticks {
+    origin: Instant,
+    /// Nanoseconds of `ticks` ticks.
+    nanos: u128,
+    ticks: u128,
+}
+
+impl Ticks {
+    /// Ticks at `rate` as `clock` counts them, the first one (number 0) at `origin`.
+    pub fn new(origin: Instant, rate: Rate, clock: Clock) -> Self {
+        let nanos = GIGA * GIGA * u128::from(rate.seconds);
+        let ticks = u128::from(rate.per) * clock.giga();
+        let divisor = gcd(nanos, ticks);
+        Self { origin, nanos: nanos / divisor, ticks: ticks / divisor }
+    }
+
+    /// The same ticks, counted from another origin.
+    pub const fn from(self, origin: Instant) -> Self {
+        Self { origin, ..self }
+    }
+
+    /// The instant of tick `n`.
+    pub fn at(&self, n: u64) -> Instant {
+        self.origin + self.span(n)
+    }
+
+    /// The time that `n` ticks take, rounded to the nearest nanosecond.
+    pub fn span(&self, n: u64) -> Span {
+        let product = u128::from(n).saturating_mul(self.nanos);
+        // 64-bit division is several times faster than 128-bit, and usually enough.
+        let ns = match (u64::try_from(product), u64::try_from(self.ticks)) {
+            (Ok(product), Ok(ticks)) => rounded(product, ticks),
+            _ => u64::try_from((product + self.ticks / 2) / self.ticks).unwrap_or(u64::MAX),
+        };
+        Span::from_nanos(ns)
+    }
+
+    /// The number of the first tick at or after `t` (0 before the origin).
+    pub fn first_from(&self, t: Instant) -> u64 {
+        let elapsed = u128::from(t.since(self.origin).as_nanos());
+        let mut n = u64::try_from(elapsed * self.ticks / self.nanos).unwrap_or(u64::MAX);
+        while n > 0 && self.at(n - 1) >= t {
+            n -= 1;
+        }
+        while self.at(n) < t {
+            n += 1;
+        }
+        n
+    }
+}
+
+fn rounded(dividend: u64, divisor: u64) -> u64 {
+    let quotient = dividend / divisor;
+    if dividend % divisor >= divisor.div_ceil(2) { quotient + 1 } else { quotient }
+}
+
+const fn gcd(mut a: u128, mut b: u128) -> u128 {
+    while b != 0 {
+        (a, b) = (b, a % b);
+    }
+    a
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn a_fast_clock_counts_its_second_early() {
+        let fast = Clock::from_ppb(10_000_000).unwrap();
+        assert_eq!(fast.span(Span::from_secs(1)), Span::from_nanos(990_099_009));
+        assert_eq!(Clock::TRUE.span(Span::from_secs(1)), Span::from_secs(1));
+        assert!(Clock::from_ppb(200_000_001).is_none());
+    }
+
+    #[test]
+    fn ten_bits_at_9600_baud_take_1041667_ns() {
+        let bits = Ticks::new(Instant::START, Rate::hz(9600), Clock::TRUE);
+        assert_eq!(bits.span(1).as_nanos(), 104_167);
+        assert_eq!(bits.span(10).as_nanos(), 1_041_667);
+        assert_eq!(bits.span(9600 * 3600).as_nanos(), 3_600_000_000_000);
+    }
+
+    proptest! {
+        #[test]
+        fn first_from_is_the_first(origin in 0..1_000_000_000u64, t in 0..4_000_000_000u64, hz in 1..2_000_000u32, ppb in -200_000_000..200_000_000i32) {
+            let ticks = Ticks::new(Instant::from_nanos(origin), Rate::hz(hz), Clock::from_ppb(ppb).unwrap());
+            let t = Instant::from_nanos(t);
+            let n = ticks.first_from(t);
+            prop_assert!(ticks.at(n) >= t);
+            prop_assert!(n == 0 || ticks.at(n - 1) < t);
+        }
+
+        #[test]
+        fn a_tick_is_rounded_once(n in 0..1_000_000_000u64, hz in 1..2_000_000u32) {
+            let ticks = Ticks::new(Instant::START, Rate::hz(hz), Clock::TRUE);
+            let exact = u128::from(n) * GIGA / u128::from(hz);
+            let got = u128::from(ticks.span(n).as_nanos());
+            prop_assert!(got == exact || got == exact + 1);
+        }
+    }
+}

@@ -1,0 +1,146 @@
+//! The PC's side of the conversation: what has been sent, what came back, whether it is over.
+
+use crate::lathe::{Fault, Refusal, Reply, Slave};
+
+/// A tally of frames and replies, as a PC program keeps it.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Conversation {
+    /// Frames sent whole.
+    pub sent: usize,
+    /// Frames acknowledged.
+    pub accepted: usize,
+    /// Times a frame was held.
+    pub held: usize,
+    /// Frames or parts refused, with the reason.
+    pub refusals: Vec<Refusal>,
+    /// Slaves that failed.
+    pub failures: Vec<(Slave, Fault)>,
+    /// `XOFF` came and `XON` has not: the PC must wait.
+    pub stopped: bool,
+    /// A frame has been acknowledged and `XON` has not come since.
+    pub running: bool,
+    dropped: usize,
+}
+
+/// How a program ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// Every frame was executed.
+    Completed,
+    /// At least one frame was refused.
+    Rejected,
+    /// A board failed.
+    Faulted,
+    /// Frames are left without an answer.
+    Unanswered,
+}
+
+impl Outcome {
+    /// The word for it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Completed => "completed",
+            Self::Rejected => "rejected",
+            Self::Faulted => "faulted",
+            Self::Unanswered => "unanswered",
+        }
+    }
+}
+
+impl Conversation {
+    /// A frame has been sent whole.
+    pub fn sent(&mut self) {
+        self.sent += 1;
+    }
+
+    /// A reply came.
+    pub fn reply(&mut self, reply: Reply) {
+        match reply {
+            Reply::Ack => {
+                self.accepted += 1;
+                self.running = true;
+            }
+            Reply::Xoff => {
+                self.held += 1;
+                self.stopped = true;
+            }
+            Reply::Xon => {
+                self.running = false;
+                self.stopped = false;
+            }
+            Reply::Nak(refusal) => self.refusals.push(refusal),
+            Reply::Can(slave, fault) => {
+                self.failures.push((slave, fault));
+                // A held frame will not be executed, nor answered.
+                self.dropped = self.unanswered();
+            }
+            Reply::Unknown(_) => {}
+        }
+    }
+
+    /// Frames sent that have neither been acknowledged nor refused nor dropped after a failure.
+    pub fn unanswered(&self) -> usize {
+        self.sent.saturating_sub(self.accepted + self.refusals.len() + self.dropped)
+    }
+
+    /// A careful PC may send its next frame: it is not stopped and has its answer to the last one. (The master can hold
+    /// one frame, so the next may be sent while the slaves are busy.)
+    pub fn may_send(&self) -> bool {
+        !self.stopped && self.unanswered() == 0
+    }
+
+    /// Nothing is under way: all frames are answered and the slaves are done.
+    pub fn is_over(&self) -> bool {
+        !self.running && self.may_send()
+    }
+
+    /// How it ended.
+    pub fn outcome(&self, frames: usize) -> Outcome {
+        if !self.failures.is_empty() {
+            Outcome::Faulted
+        } else if !self.refusals.is_empty() {
+            Outcome::Rejected
+        } else if self.accepted == frames && self.is_over() {
+            Outcome::Completed
+        } else {
+            Outcome::Unanswered
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn after(sent: usize, replies: &[Reply]) -> Conversation {
+        let mut conversation = Conversation::default();
+        (0..sent).for_each(|_| conversation.sent());
+        replies.iter().for_each(|reply| conversation.reply(*reply));
+        conversation
+    }
+
+    #[test]
+    fn two_frames_in_one_write() {
+        let conversation = after(2, &[Reply::Ack, Reply::Xoff, Reply::Xon, Reply::Ack]);
+        assert!(!conversation.is_over());
+        let conversation = after(2, &[Reply::Ack, Reply::Xoff, Reply::Xon, Reply::Ack, Reply::Xon]);
+        assert_eq!(conversation.outcome(2), Outcome::Completed);
+        assert_eq!((conversation.accepted, conversation.held), (2, 1));
+    }
+
+    #[test]
+    fn the_next_frame_waits_for_the_answer_to_the_last() {
+        assert!(!after(1, &[]).may_send());
+        assert!(after(1, &[Reply::Ack]).may_send());
+        assert!(!after(2, &[Reply::Ack, Reply::Xoff]).may_send());
+        assert!(!after(2, &[Reply::Ack, Reply::Xoff, Reply::Xon]).may_send());
+    }
+
+    #[test]
+    fn after_a_failure_the_held_frame_is_not_waited_for() {
+        let failed = Reply::Can(Slave::Depth, Fault::NoAnswer);
+        let conversation = after(2, &[Reply::Ack, Reply::Xoff, failed, Reply::Xon]);
+        assert!(conversation.is_over());
+        assert_eq!(conversation.outcome(5), Outcome::Faulted);
+    }
+}

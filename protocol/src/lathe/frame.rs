@@ -1,0 +1,316 @@
+//! The frame: eight bytes from the PC, and the part of it that each slave gets (paper, §3).
+//!
+//! | byte | meaning | unit | range |
+//! |---|---|---|---|
+//! | 0 | spindle speed | 20 rpm | 0 (stop), 10…200 |
+//! | 1 | transverse speed | encoder counts per 30 ms | 1…225; 0 if the distance is 0 |
+//! | 2, 3 | transverse distance, high byte first | encoder counts, relative | 0…65535 |
+//! | 4 | transverse direction | 0 positive, 1 negative | |
+//! | 5, 6 | depth distance, high byte first | slots of the linear encoder, relative | 0…65535 |
+//! | 7 | depth direction | 0 positive, 1 negative | |
+//!
+//! The paper gives the bytes and their meaning; units, ranges, byte order and the direction codes are ours.
+
+use core::fmt;
+
+/// The bytes of a frame.
+pub(super) const LENGTH: usize = 8;
+
+/// A frame that may be executed: every field is in range.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Frame {
+    /// The spindle's part.
+    pub spindle: SpindlePart,
+    /// The transverse axis's part.
+    pub transverse: TransversePart,
+    /// The depth axis's part.
+    pub depth: DepthPart,
+}
+
+/// One byte: the spindle's set point.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SpindlePart {
+    speed: u8,
+}
+
+/// Four bytes: how fast, how far and which way the transverse axis goes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TransversePart {
+    speed: u8,
+    distance: u16,
+    direction: Direction,
+}
+
+/// Three bytes: how far and which way the depth axis goes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DepthPart {
+    distance: u16,
+    direction: Direction,
+}
+
+/// Which way an axis goes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Direction {
+    /// Code 0: away from the chuck, out of the work.
+    Positive,
+    /// Code 1.
+    Negative,
+}
+
+/// Why a frame is refused. The letter follows `NAK`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Refusal {
+    /// A direction byte is neither 0 nor 1.
+    Direction,
+    /// A speed is out of range, or 0 with a distance to go.
+    Speed,
+    /// The line fell silent in mid-frame.
+    CutShort,
+    /// A frame came while another was already held.
+    Overrun,
+    /// The UART reported a framing or overrun error.
+    LineError,
+    /// A board has failed: the PC's line has not been silent since, or the frame needs that board.
+    Faulted,
+}
+
+impl Refusal {
+    const LETTERS: [(Self, u8, &'static str); 6] = [
+        (Self::Direction, b'd', "direction"),
+        (Self::Speed, b's', "speed"),
+        (Self::CutShort, b'c', "cut short"),
+        (Self::Overrun, b'o', "overrun"),
+        (Self::LineError, b'l', "line error"),
+        (Self::Faulted, b'f', "faulted"),
+    ];
+
+    /// The letter on the wire.
+    pub fn letter(self) -> u8 {
+        Self::LETTERS.iter().find(|row| row.0 == self).map_or(b'?', |row| row.1)
+    }
+
+    /// The reason that a letter stands for.
+    pub fn from_letter(letter: u8) -> Option<Self> {
+        Self::LETTERS.iter().find(|row| row.1 == letter).map(|row| row.0)
+    }
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(Self::LETTERS.iter().find(|row| row.0 == *self).map_or("?", |row| row.2))
+    }
+}
+
+impl Direction {
+    /// The code on the wire.
+    pub const fn code(self) -> u8 {
+        match self {
+            Self::Positive => 0,
+            Self::Negative => 1,
+        }
+    }
+
+    /// +1 or −1.
+    pub const fn sign(self) -> i64 {
+        match self {
+            Self::Positive => 1,
+            Self::Negative => -1,
+        }
+    }
+
+    fn parse(code: u8) -> Result<Self, Refusal> {
+        match code {
+            0 => Ok(Self::Positive),
+            1 => Ok(Self::Negative),
+            _ => Err(Refusal::Direction),
+        }
+    }
+}
+
+impl Frame {
+    /// Reads a frame.
+    ///
+    /// # Errors
+    /// The first field that is out of range, as the master would refuse it.
+    pub fn parse(bytes: [u8; LENGTH]) -> Result<Self, Refusal> {
+        let [spindle, speed, high, low, direction, depth_high, depth_low, depth_direction] = bytes;
+        Ok(Self {
+            spindle: SpindlePart::parse([spindle])?,
+            transverse: TransversePart::parse([speed, high, low, direction])?,
+            depth: DepthPart::parse([depth_high, depth_low, depth_direction])?,
+        })
+    }
+
+    /// The bytes on the wire.
+    pub fn emit(&self) -> [u8; LENGTH] {
+        let mut bytes = [0; LENGTH];
+        bytes[..1].copy_from_slice(&self.spindle.emit());
+        bytes[1..5].copy_from_slice(&self.transverse.emit());
+        bytes[5..].copy_from_slice(&self.depth.emit());
+        bytes
+    }
+}
+
+impl SpindlePart {
+    /// Bytes of this part.
+    pub const LENGTH: usize = 1;
+    /// Revolutions per minute of one unit: with 50 pulses a revolution and 30 ms it is half an encoder count.
+    pub const RPM_PER_UNIT: u16 = 20;
+
+    /// Reads the part: 0 stops, 10 to 200 is 200 to 4000 rpm (paper, §1.1).
+    ///
+    /// # Errors
+    /// [`Refusal::Speed`] for anything else.
+    pub const fn parse([speed]: [u8; Self::LENGTH]) -> Result<Self, Refusal> {
+        match speed {
+            0 | 10..=200 => Ok(Self { speed }),
+            _ => Err(Refusal::Speed),
+        }
+    }
+
+    /// The bytes on the wire.
+    pub const fn emit(self) -> [u8; Self::LENGTH] {
+        [self.speed]
+    }
+
+    /// The set point in units of 20 rpm.
+    pub const fn units(self) -> u8 {
+        self.speed
+    }
+
+    /// The set point in revolutions per minute.
+    pub const fn rpm(self) -> u16 {
+        self.speed as u16 * Self::RPM_PER_UNIT
+    }
+}
+
+impl TransversePart {
+    /// Bytes of this part.
+    pub const LENGTH: usize = 4;
+    /// The fastest speed, in counts per 30 ms: 500 rpm at 900 counts a revolution (paper, §4).
+    pub const SPEED_MAX: u8 = 225;
+
+    /// Reads the part.
+    ///
+    /// # Errors
+    /// [`Refusal::Speed`] above [`Self::SPEED_MAX`] or if a distance would never be covered, [`Refusal::Direction`].
+    pub fn parse([speed, high, low, direction]: [u8; Self::LENGTH]) -> Result<Self, Refusal> {
+        let distance = u16::from_be_bytes([high, low]);
+        if speed > Self::SPEED_MAX || (speed == 0 && distance != 0) {
+            return Err(Refusal::Speed);
+        }
+        Ok(Self { speed, distance, direction: Direction::parse(direction)? })
+    }
+
+    /// The bytes on the wire.
+    pub const fn emit(self) -> [u8; Self::LENGTH] {
+        let [high, low] = self.distance.to_be_bytes();
+        [self.speed, high, low, self.direction.code()]
+    }
+
+    /// Encoder counts per 30 ms.
+    pub const fn speed(self) -> u8 {
+        self.speed
+    }
+
+    /// Encoder counts to go; 0 is "do not move".
+    pub const fn distance(self) -> u16 {
+        self.distance
+    }
+
+    /// Which way.
+    pub const fn direction(self) -> Direction {
+        self.direction
+    }
+}
+
+impl DepthPart {
+    /// Bytes of this part.
+    pub const LENGTH: usize = 3;
+
+    /// Reads the part.
+    ///
+    /// # Errors
+    /// [`Refusal::Direction`].
+    pub fn parse([high, low, direction]: [u8; Self::LENGTH]) -> Result<Self, Refusal> {
+        Ok(Self { distance: u16::from_be_bytes([high, low]), direction: Direction::parse(direction)? })
+    }
+
+    /// The bytes on the wire.
+    pub const fn emit(self) -> [u8; Self::LENGTH] {
+        let [high, low] = self.distance.to_be_bytes();
+        [high, low, self.direction.code()]
+    }
+
+    /// Slots to go; 0 is "do not move".
+    pub const fn distance(self) -> u16 {
+        self.distance
+    }
+
+    /// Which way.
+    pub const fn direction(self) -> Direction {
+        self.direction
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// Byte-exact; the worked example of the documentation.
+    const EXAMPLE: [u8; LENGTH] = [0x4b, 0x70, 0x23, 0x28, 0x01, 0x00, 0x38, 0x00];
+
+    #[test]
+    fn the_example_is_1500_rpm_minus_9000_counts_plus_56_slots() {
+        let frame = Frame::parse(EXAMPLE).unwrap();
+        assert_eq!(frame.spindle.rpm(), 1500);
+        assert_eq!((frame.transverse.speed(), frame.transverse.distance()), (112, 9000));
+        assert_eq!(frame.transverse.direction(), Direction::Negative);
+        assert_eq!((frame.depth.distance(), frame.depth.direction()), (56, Direction::Positive));
+    }
+
+    #[test]
+    fn what_is_out_of_range_is_refused() {
+        let with = |changes: &[(usize, u8)]| {
+            let mut bytes = EXAMPLE;
+            changes.iter().for_each(|(at, byte)| bytes[*at] = *byte);
+            Frame::parse(bytes).err()
+        };
+        for (changes, expected) in [
+            (&[(0, 0)][..], None),
+            (&[(0, 9)], Some(Refusal::Speed)),
+            (&[(0, 10)], None),
+            (&[(0, 200)], None),
+            (&[(0, 201)], Some(Refusal::Speed)),
+            (&[(1, 225)], None),
+            (&[(1, 226)], Some(Refusal::Speed)),
+            (&[(1, 0)], Some(Refusal::Speed)),
+            (&[(1, 0), (2, 0), (3, 0)], None),
+            (&[(4, 2)], Some(Refusal::Direction)),
+            (&[(7, 0xff)], Some(Refusal::Direction)),
+            // A direction is checked even where nothing moves: it catches slipped framing.
+            (&[(5, 0), (6, 0), (7, 2)], Some(Refusal::Direction)),
+        ] {
+            assert_eq!(with(changes), expected, "{changes:?}");
+        }
+    }
+
+    #[test]
+    fn every_reason_has_a_letter_of_its_own() {
+        for (refusal, letter, _) in Refusal::LETTERS {
+            assert!(letter.is_ascii_lowercase());
+            assert_eq!(Refusal::from_letter(refusal.letter()), Some(refusal));
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn what_is_parsed_is_emitted(bytes: [u8; LENGTH]) {
+            if let Ok(frame) = Frame::parse(bytes) {
+                prop_assert_eq!(frame.emit(), bytes);
+            }
+        }
+    }
+}

@@ -1,0 +1,106 @@
+//! Programs: text files of frames, a line of eight hexadecimal bytes each.
+//!
+//! `#` starts a comment, blank lines are skipped. The bytes are sent as they stand, in range or not: a program may well
+//! be written to see a frame refused.
+
+use crate::lathe::frame::LENGTH;
+
+/// A program, ready to be sent.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Program {
+    /// The frames, in order.
+    pub frames: Vec<[u8; LENGTH]>,
+}
+
+/// What is wrong with a program's text.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ProgramError {
+    /// A word is not a byte.
+    #[error("line {line}, column {column}: expected a byte as two hexadecimal digits, found '{found}'")]
+    NotAByte {
+        /// From 1.
+        line: usize,
+        /// From 1.
+        column: usize,
+        /// The word.
+        found: String,
+    },
+    /// A line holds too few or too many bytes.
+    #[error("line {line}: expected {LENGTH} bytes, found {found}")]
+    Length {
+        /// From 1.
+        line: usize,
+        /// How many there are.
+        found: usize,
+    },
+    /// There is no frame at all.
+    #[error("expected at least one frame (a line of {LENGTH} hexadecimal bytes), found none")]
+    Empty,
+}
+
+impl Program {
+    /// Reads a program.
+    ///
+    /// # Errors
+    /// [`ProgramError`]: where, what was expected, what was found.
+    pub fn parse(text: &str) -> Result<Self, ProgramError> {
+        let mut frames = Vec::new();
+        for (n, text) in text.lines().enumerate() {
+            let line = n + 1;
+            let code = text.split('#').next().unwrap_or_default();
+            let bytes = code.split_whitespace().map(|word| {
+                let column = word.as_ptr() as usize - text.as_ptr() as usize;
+                let column = text[..column].chars().count() + 1;
+                parse_byte(word).ok_or_else(|| ProgramError::NotAByte { line, column, found: word.to_owned() })
+            });
+            let bytes = bytes.collect::<Result<Vec<u8>, _>>()?;
+            if bytes.is_empty() {
+                continue;
+            }
+            let found = bytes.len();
+            frames.push(bytes.try_into().map_err(|_| ProgramError::Length { line, found })?);
+        }
+        if frames.is_empty() { Err(ProgramError::Empty) } else { Ok(Self { frames }) }
+    }
+
+    /// The bytes on the wire.
+    pub fn bytes(&self) -> Vec<u8> {
+        self.frames.concat()
+    }
+}
+
+fn parse_byte(word: &str) -> Option<u8> {
+    let digits = word.len() == 2 && word.bytes().all(|byte| byte.is_ascii_hexdigit());
+    digits.then(|| u8::from_str_radix(word, 16).ok()).flatten()
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn comments_and_blank_lines_are_skipped() {
+        let text = "# a shaft\r\n\n 4B 70 23 28 01 00 38 00  # rough\n4b7 # no";
+        let error = ProgramError::NotAByte { line: 4, column: 1, found: "4b7".to_owned() };
+        assert_eq!(Program::parse(text), Err(error));
+        let program = Program::parse(&text[..text.len() - 8]).unwrap();
+        assert_eq!(program.frames, [[0x4b, 0x70, 0x23, 0x28, 0x01, 0x00, 0x38, 0x00]]);
+    }
+
+    #[test]
+    fn says_where_and_what() {
+        let error = |text| Program::parse(text).unwrap_err().to_string();
+        assert_eq!(error("\n00 01 02\n"), "line 2: expected 8 bytes, found 3");
+        assert_eq!(error("00 é +1"), "line 1, column 4: expected a byte as two hexadecimal digits, found 'é'");
+        assert!(error("# nothing").starts_with("expected at least one frame"));
+    }
+
+    proptest! {
+        #[test]
+        fn any_text_is_read_or_refused(text in ".{0,80}") {
+            let _ = Program::parse(&text);
+        }
+    }
+}

@@ -1,0 +1,211 @@
+//! What the master tells the PC: one control character each, some followed by letters.
+
+use core::fmt;
+
+use crate::lathe::{ACK, CAN, NAK, Refusal, XOFF, XON};
+
+/// A reply of the master.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reply {
+    /// The frame has been distributed to the slaves.
+    Ack,
+    /// The frame is held until the slaves are done.
+    Xoff,
+    /// All slaves are done.
+    Xon,
+    /// A frame is refused.
+    Nak(Refusal),
+    /// A slave failed; what was held is not executed.
+    Can(Slave, Fault),
+    /// No reply of this dialect.
+    Unknown(u8),
+}
+
+/// A slave, as the replies name it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Slave {
+    /// The main motor.
+    Spindle,
+    /// The feed axis, parallel to the work.
+    Transverse,
+    /// The infeed axis.
+    Depth,
+}
+
+/// How a slave failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Fault {
+    /// It does not answer.
+    NoAnswer,
+    /// Its motor is driven and does not turn.
+    Stalled,
+    /// An axis ran into its end of travel.
+    EndOfTravel,
+}
+
+impl Slave {
+    /// The slaves, in the order of their parts in a frame.
+    pub const ALL: [Self; 3] = [Self::Spindle, Self::Transverse, Self::Depth];
+
+    /// The letter on the wire.
+    pub const fn letter(self) -> u8 {
+        match self {
+            Self::Spindle => b's',
+            Self::Transverse => b't',
+            Self::Depth => b'd',
+        }
+    }
+
+    /// The name, also of the board in the built-in rig.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Spindle => "spindle",
+            Self::Transverse => "transverse",
+            Self::Depth => "depth",
+        }
+    }
+
+    fn from_letter(letter: u8) -> Option<Self> {
+        Self::ALL.into_iter().find(|slave| slave.letter() == letter)
+    }
+}
+
+impl Fault {
+    const ALL: [Self; 3] = [Self::NoAnswer, Self::Stalled, Self::EndOfTravel];
+
+    /// The letter on the wire.
+    pub const fn letter(self) -> u8 {
+        match self {
+            Self::NoAnswer => b'n',
+            Self::Stalled => b's',
+            Self::EndOfTravel => b'e',
+        }
+    }
+
+    /// The fault that a letter stands for.
+    pub fn from_letter(letter: u8) -> Option<Self> {
+        Self::ALL.into_iter().find(|fault| fault.letter() == letter)
+    }
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::NoAnswer => "no answer",
+            Self::Stalled => "stalled",
+            Self::EndOfTravel => "end of travel",
+        })
+    }
+}
+
+impl fmt::Display for Reply {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Ack => f.write_str("ACK"),
+            Self::Xoff => f.write_str("XOFF"),
+            Self::Xon => f.write_str("XON"),
+            Self::Nak(refusal) => write!(f, "NAK {refusal}"),
+            Self::Can(slave, fault) => write!(f, "CAN {} {fault}", slave.name()),
+            Self::Unknown(byte) => write!(f, "?{byte:02x}"),
+        }
+    }
+}
+
+impl Reply {
+    /// The bytes on the wire.
+    pub fn emit(self) -> Vec<u8> {
+        match self {
+            Self::Ack => vec![ACK],
+            Self::Xoff => vec![XOFF],
+            Self::Xon => vec![XON],
+            Self::Nak(refusal) => vec![NAK, refusal.letter()],
+            Self::Can(slave, fault) => vec![CAN, slave.letter(), fault.letter()],
+            Self::Unknown(byte) => vec![byte],
+        }
+    }
+}
+
+/// Puts replies together from bytes.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ReplyDecoder {
+    pending: Vec<u8>,
+}
+
+impl ReplyDecoder {
+    /// Takes a byte; gives the replies that are complete or broken with it.
+    pub fn push(&mut self, byte: u8) -> Vec<Reply> {
+        self.pending.push(byte);
+        let reply = match self.pending[..] {
+            [ACK] => Reply::Ack,
+            [XOFF] => Reply::Xoff,
+            [XON] => Reply::Xon,
+            [NAK] | [CAN] => return Vec::new(),
+            [CAN, slave] if Slave::from_letter(slave).is_some() => return Vec::new(),
+            [NAK, letter] if let Some(refusal) = Refusal::from_letter(letter) => Reply::Nak(refusal),
+            [CAN, slave, fault]
+                if let (Some(slave), Some(fault)) = (Slave::from_letter(slave), Fault::from_letter(fault)) =>
+            {
+                Reply::Can(slave, fault)
+            }
+            [byte] => Reply::Unknown(byte),
+            // Broken: the first byte is out of place; what follows may be a reply.
+            _ => {
+                let pending = core::mem::take(&mut self.pending);
+                let rest = pending[1..].iter().flat_map(|byte| self.push(*byte));
+                return core::iter::once(Reply::Unknown(pending[0])).chain(rest).collect();
+            }
+        };
+        self.pending.clear();
+        vec![reply]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn decoded(bytes: &[u8]) -> Vec<Reply> {
+        let mut decoder = ReplyDecoder::default();
+        bytes.iter().flat_map(|byte| decoder.push(*byte)).collect()
+    }
+
+    fn replies() -> impl Strategy<Value = Reply> {
+        prop_oneof![
+            Just(Reply::Ack),
+            Just(Reply::Xoff),
+            Just(Reply::Xon),
+            Just(Reply::Nak(Refusal::CutShort)),
+            Just(Reply::Can(Slave::Depth, Fault::NoAnswer)),
+        ]
+    }
+
+    #[test]
+    fn a_broken_reply_does_not_swallow_the_next() {
+        assert_eq!(decoded(&[CAN, b's', ACK]), [Reply::Unknown(CAN), Reply::Unknown(b's'), Reply::Ack]);
+        assert_eq!(decoded(&[NAK, NAK, b'd']), [Reply::Unknown(NAK), Reply::Nak(Refusal::Direction)]);
+    }
+
+    #[test]
+    fn is_said_in_words() {
+        assert_eq!(Reply::Can(Slave::Transverse, Fault::EndOfTravel).to_string(), "CAN transverse end of travel");
+        assert_eq!(Reply::Nak(Refusal::CutShort).to_string(), "NAK cut short");
+    }
+
+    proptest! {
+        #[test]
+        fn what_is_emitted_is_decoded(replies in prop::collection::vec(replies(), 0..20)) {
+            let bytes: Vec<u8> = replies.iter().flat_map(|reply| reply.emit()).collect();
+            prop_assert_eq!(decoded(&bytes), replies);
+        }
+
+        #[test]
+        fn no_byte_is_lost(bytes in prop::collection::vec(any::<u8>(), 0..40)) {
+            let mut decoder = ReplyDecoder::default();
+            let mut seen: Vec<u8> = bytes.iter().flat_map(|byte| decoder.push(*byte)).flat_map(Reply::emit).collect();
+            seen.extend(&decoder.pending);
+            prop_assert_eq!(seen, bytes);
+        }
+    }
+}

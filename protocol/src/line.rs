@@ -1,0 +1,140 @@
+//! Lines: one wire each, idle high, carrying edges.
+
+use serde::{Deserialize, Serialize};
+
+use crate::time::Instant;
+
+/// The level of a line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum Level {
+    /// Space: a start bit, a data bit 0.
+    Low,
+    /// Mark: idle, a stop bit, a data bit 1.
+    High,
+}
+
+/// A change of a line's level at an instant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Edge {
+    /// When the line changes.
+    pub at: Instant,
+    /// What it changes to.
+    pub level: Level,
+}
+
+/// What a receiver knows of a line: its level at some instant and the edges after it, in order.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Waveform {
+    before: Level,
+    edges: Vec<Edge>,
+}
+
+impl Default for Waveform {
+    fn default() -> Self {
+        Self::idle()
+    }
+}
+
+impl Waveform {
+    /// A line that has always been idle.
+    pub const fn idle() -> Self {
+        Self { before: Level::High, edges: Vec::new() }
+    }
+
+    /// Adds an edge. One that lies before the last known edge, or does not change the level, is left out.
+    pub fn push(&mut self, edge: Edge) {
+        if self.edges.last().is_none_or(|last| last.at <= edge.at) && self.last_level() != edge.level {
+            self.edges.push(edge);
+        }
+    }
+
+    /// Withdraws every edge at or after `at` and lets the line go idle there.
+    pub fn cut(&mut self, at: Instant) {
+        self.edges.retain(|edge| edge.at < at);
+        self.push(Edge { at, level: Level::High });
+    }
+
+    /// The level at `t`; an edge at `t` counts.
+    pub fn level_at(&self, t: Instant) -> Level {
+        match self.edges.partition_point(|edge| edge.at <= t) {
+            0 => self.before,
+            n => self.edges[n - 1].level,
+        }
+    }
+
+    /// The first edge to low at or after `t`.
+    pub fn falling_from(&self, t: Instant) -> Option<Instant> {
+        self.first_from(t, Level::Low)
+    }
+
+    /// The first edge to high at or after `t`.
+    pub fn rising_from(&self, t: Instant) -> Option<Instant> {
+        self.first_from(t, Level::High)
+    }
+
+    /// Forgets the edges before `t`: no receiver will look there again.
+    pub fn forget_before(&mut self, t: Instant) {
+        let n = self.edges.partition_point(|edge| edge.at < t);
+        if n > 0 {
+            self.before = self.edges[n - 1].level;
+            self.edges.drain(..n);
+        }
+    }
+
+    /// The level after the last known edge.
+    pub fn last_level(&self) -> Level {
+        self.edges.last().map_or(self.before, |edge| edge.level)
+    }
+
+    fn first_from(&self, t: Instant, level: Level) -> Option<Instant> {
+        let n = self.edges.partition_point(|edge| edge.at < t);
+        self.edges[n..].iter().find(|edge| edge.level == level).map(|edge| edge.at)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(ns: u64) -> Instant {
+        Instant::from_nanos(ns)
+    }
+
+    fn pulse() -> Waveform {
+        let mut line = Waveform::idle();
+        line.push(Edge { at: at(10), level: Level::Low });
+        line.push(Edge { at: at(20), level: Level::High });
+        line
+    }
+
+    #[test]
+    fn an_edge_counts_from_its_instant() {
+        let line = pulse();
+        assert_eq!([9, 10, 19, 20].map(|t| line.level_at(at(t))), [Level::High, Level::Low, Level::Low, Level::High]);
+        assert_eq!(line.falling_from(at(10)), Some(at(10)));
+        assert_eq!(line.falling_from(at(11)), None);
+    }
+
+    #[test]
+    fn an_edge_that_changes_nothing_is_left_out() {
+        let mut line = pulse();
+        line.push(Edge { at: at(30), level: Level::High });
+        assert_eq!(line, pulse());
+    }
+
+    #[test]
+    fn a_cut_withdraws_what_lies_after_it() {
+        let mut line = pulse();
+        line.cut(at(15));
+        assert_eq!(line.level_at(at(14)), Level::Low);
+        assert_eq!(line.rising_from(at(0)), Some(at(15)));
+    }
+
+    #[test]
+    fn forgetting_keeps_the_level() {
+        let mut line = pulse();
+        line.forget_before(at(15));
+        assert_eq!(line.level_at(at(15)), Level::Low);
+        assert_eq!(line.level_at(at(20)), Level::High);
+    }
+}

@@ -1,0 +1,218 @@
+//! The records between the harness and a board's process.
+//!
+//! A record is a length (four bytes, little-endian) and that many bytes of `postcard`. The harness opens with
+//! [`ToBoard::Setup`], the board answers [`FromBoard::Ready`]; from then on each [`ToBoard::Turn`] is answered by one
+//! [`FromBoard::Batch`]. The end of the stream ends the board.
+
+use bytes::{Buf, BufMut, BytesMut};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+use crate::board::{Description, Output, Stimulus};
+use crate::clock::Clock;
+use crate::line::Edge;
+use crate::time::Instant;
+use crate::uart::Ear;
+
+/// The version of these records. Harness and board must have the same: they are one program, and a board that runs
+/// elsewhere says in its answer which version it speaks.
+pub const VERSION: u16 = 1;
+
+/// The longest record that is accepted, in bytes.
+pub const LENGTH_MAX: usize = 16 << 20;
+
+/// From the harness to a board.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum ToBoard {
+    /// What the board is to be.
+    Setup(Setup),
+    /// Time may go on.
+    Turn(Turn),
+}
+
+/// From a board to the harness.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum FromBoard {
+    /// The board stands and is described.
+    Ready {
+        /// [`VERSION`].
+        version: u16,
+        /// What the board consists of.
+        description: Description,
+    },
+    /// What came of a turn.
+    Batch(Batch),
+    /// The board cannot go on; why, for people.
+    Broken(String),
+}
+
+/// What a board is to be.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Setup {
+    /// [`VERSION`].
+    pub version: u16,
+    /// The board's name in the rig, for the log.
+    pub name: String,
+    /// The kind of board.
+    pub kind: String,
+    /// Its oscillator.
+    pub clock: Clock,
+    /// Its settings, as the rig file has them (TOML).
+    pub settings: String,
+}
+
+/// A board's turn: what has become certain, what it hears, how far it must run.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Turn {
+    /// Nothing that the board hears from now on matters before this instant.
+    pub commit: Instant,
+    /// Run at least everything before this instant, mute or not.
+    pub until: Instant,
+    /// What the board hears, in order for each source.
+    pub heard: Vec<Heard>,
+}
+
+/// What a board hears from the harness.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum Heard {
+    /// Edges on the line of a port.
+    Edges {
+        /// The port's number.
+        port: u8,
+        /// The edges, in order.
+        edges: Vec<Edge>,
+    },
+    /// The line of a port goes idle; its edges from then on are withdrawn.
+    Cut {
+        /// The port's number.
+        port: u8,
+        /// When.
+        at: Instant,
+    },
+    /// A stimulus.
+    Stimulus {
+        /// When.
+        at: Instant,
+        /// What.
+        stimulus: Stimulus,
+    },
+}
+
+/// What came of a turn.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Batch {
+    /// What was told before of this instant and later no longer holds.
+    pub from: Instant,
+    /// Everything before this instant has been run and told.
+    pub horizon: Instant,
+    /// If the board is mute: since when. Nothing leaves it by a port until something reaches it.
+    pub mute_since: Option<Instant>,
+    /// From this instant on the board first waited for nothing but the silence of the world outside.
+    pub silent_from: Option<Instant>,
+    /// The state of each port's receiver, everything sent so far heard.
+    pub ears: Vec<Ear>,
+    /// What the board does, in order.
+    pub outputs: Vec<Timed>,
+}
+
+/// An output and when the board decided on it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Timed {
+    /// When.
+    pub at: Instant,
+    /// What.
+    pub output: Output,
+}
+
+/// Why a record could not be read.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum RecordError {
+    /// The length is beyond [`LENGTH_MAX`].
+    #[error("a record of {0} bytes is longer than {LENGTH_MAX}")]
+    TooLong(usize),
+    /// The bytes are not a record of this version.
+    #[error("not a record of version {VERSION}: {0}")]
+    Malformed(postcard::Error),
+}
+
+/// Appends a record to `buffer`.
+///
+/// # Errors
+/// [`RecordError`] if the record cannot be written, or is too long.
+pub fn encode<R: Serialize>(record: &R, buffer: &mut BytesMut) -> Result<(), RecordError> {
+    let start = buffer.len();
+    buffer.put_u32_le(0);
+    *buffer = postcard::to_extend(record, core::mem::take(buffer)).map_err(RecordError::Malformed)?;
+    let length = buffer.len() - start - 4;
+    let prefix = u32::try_from(length).ok().filter(|_| length <= LENGTH_MAX).ok_or(RecordError::TooLong(length))?;
+    buffer[start..start + 4].copy_from_slice(&prefix.to_le_bytes());
+    Ok(())
+}
+
+/// Takes the first record from `buffer`, if it is complete.
+///
+/// # Errors
+/// [`RecordError`] if it is too long or not a record.
+pub fn decode<R: DeserializeOwned>(buffer: &mut BytesMut) -> Result<Option<R>, RecordError> {
+    let Some(prefix) = buffer.first_chunk::<4>() else { return Ok(None) };
+    let length = u32::from_le_bytes(*prefix) as usize;
+    if length > LENGTH_MAX {
+        return Err(RecordError::TooLong(length));
+    }
+    if buffer.len() < 4 + length {
+        return Ok(None);
+    }
+    buffer.advance(4);
+    let record = buffer.split_to(length);
+    postcard::from_bytes(&record).map(Some).map_err(RecordError::Malformed)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::line::Level;
+
+    fn turn() -> ToBoard {
+        let edges = vec![Edge { at: Instant::from_nanos(300), level: Level::Low }];
+        let commit = Instant::from_nanos(128);
+        ToBoard::Turn(Turn { commit, until: Instant::START, heard: vec![Heard::Edges { port: 2, edges }] })
+    }
+
+    /// Byte-exact: if this fails, the version must change, not the test.
+    #[test]
+    fn version_1_of_a_turn() {
+        let mut buffer = BytesMut::new();
+        encode(&turn(), &mut buffer).unwrap();
+        assert_eq!(buffer[..], [11, 0, 0, 0, 1, 128, 1, 0, 1, 0, 2, 1, 172, 2, 0]);
+    }
+
+    #[test]
+    fn a_record_is_read_when_it_is_complete() {
+        let mut whole = BytesMut::new();
+        encode(&turn(), &mut whole).unwrap();
+        let mut part = BytesMut::new();
+        for byte in &whole[..whole.len() - 1] {
+            part.put_u8(*byte);
+            assert_eq!(decode::<ToBoard>(&mut part), Ok(None));
+        }
+        part.put_u8(whole[whole.len() - 1]);
+        assert_eq!(decode(&mut part), Ok(Some(turn())));
+        assert!(part.is_empty());
+    }
+
+    #[test]
+    fn a_record_that_is_too_long_is_refused() {
+        let mut buffer = BytesMut::from(&[0xff, 0xff, 0xff, 0x7f, 0][..]);
+        assert_eq!(decode::<ToBoard>(&mut buffer), Err(RecordError::TooLong(0x7fff_ffff)));
+    }
+
+    proptest! {
+        #[test]
+        fn any_bytes_are_read_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..64)) {
+            let mut buffer = BytesMut::from(&bytes[..]);
+            while let Ok(Some(_)) = decode::<FromBoard>(&mut buffer) {}
+        }
+    }
+}

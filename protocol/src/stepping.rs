@@ -1,0 +1,302 @@
+//! The loop that steps a board, and runs it ahead to make its promises.
+//!
+//! Between inputs a board is deterministic. So the stepper runs it ahead of what the harness has granted, says what it
+//! will do, and keeps checkpoints. If an input then arrives at an instant that has been run past, it goes back to
+//! a checkpoint and runs again from there; only what lies at or after the input's first effect is told anew.
+//! What is run ahead may never happen, so a board affects nothing but through its outputs.
+
+use std::collections::VecDeque;
+
+use crate::board::{Board, Input, Output, Stimulus};
+use crate::record::{Batch, Heard, Timed, Turn};
+use crate::time::{Instant, Span};
+use crate::uart::{Fifo, Receiver};
+
+/// How far a board is run ahead when nothing comes out of it. A little over the period of the master's enquiries, so
+/// that these, and not the cap, wake a busy slave.
+const RUN_AHEAD: Span = Span::from_millis(1_100);
+/// How long a board is run on after its last output, in the hope of another: longer than a character, shorter than
+/// the time in which an answer is missed.
+const RUN_ON: Span = Span::from_millis(10);
+/// A checkpoint is taken after so many things handled.
+const CHECKPOINT_EVERY: u32 = 24;
+
+/// A board with the receivers of its ports: everything that must be put back to run it again from an earlier instant.
+#[derive(Clone, Debug)]
+pub struct Cell<B> {
+    board: B,
+    receivers: Vec<Receiver>,
+    fifos: Vec<Fifo>,
+    stimuli: VecDeque<(Instant, Stimulus)>,
+    hung: bool,
+    /// The instant of the last thing handled.
+    handled: Instant,
+    /// If nothing can leave by a port until something reaches the board: since when.
+    mute_since: Option<Instant>,
+}
+
+impl<B: Board> Cell<B> {
+    /// A board as at power-on.
+    pub fn new(board: B) -> Self {
+        let receivers = board.receivers();
+        let fifos = vec![Fifo::default(); receivers.len()];
+        let mut cell = Self {
+            board,
+            receivers,
+            fifos,
+            stimuli: VecDeque::new(),
+            hung: false,
+            handled: Instant::START,
+            mute_since: None,
+        };
+        cell.note_mute();
+        cell
+    }
+
+    /// The board.
+    pub const fn board(&self) -> &B {
+        &self.board
+    }
+
+    /// Tells what will reach the board.
+    pub fn hear(&mut self, heard: &Heard) {
+        match heard {
+            Heard::Edges { port, edges } => {
+                if let Some(receiver) = self.receivers.get_mut(usize::from(*port)) {
+                    receiver.hear(edges);
+                }
+            }
+            Heard::Cut { port, at } => {
+                if let Some(receiver) = self.receivers.get_mut(usize::from(*port)) {
+                    receiver.hear_cut(*at);
+                }
+            }
+            Heard::Stimulus { at, stimulus } => self.stimuli.push_back((*at, stimulus.clone())),
+        }
+        self.note_mute();
+    }
+
+    /// The first instant at which `heard` can matter.
+    fn effect(&self, heard: &Heard) -> Instant {
+        let ear = |port: u8| self.receivers.get(usize::from(port)).map(Receiver::ear);
+        match heard {
+            Heard::Edges { port, edges } => match (ear(*port), edges.first()) {
+                (Some(ear), Some(edge)) => ear.effect(edge.at),
+                _ => Instant::NEVER,
+            },
+            Heard::Cut { port, at } => ear(*port).map_or(Instant::NEVER, |ear| ear.effect(*at)),
+            Heard::Stimulus { at, .. } => *at,
+        }
+    }
+
+    /// When the next thing happens, if nothing more is heard.
+    pub fn poll_timeout(&self) -> Option<Instant> {
+        self.next().map(|(at, _)| at)
+    }
+
+    fn next(&self) -> Option<(Instant, Next)> {
+        let stimulus = self.stimuli.front().map(|(at, _)| (*at, Next::Stimulus));
+        let characters = self.receivers.iter().enumerate();
+        let characters = characters.filter_map(|(port, r)| r.poll_timeout().map(|at| (at, Next::Character(port))));
+        let deadline = self.board.poll_timeout().filter(|_| !self.hung);
+        // A deadline that passed during a hang is due at once.
+        let deadline = deadline.map(|deadline| (deadline.at.max(self.handled), Next::Deadline));
+        // The least; among equals the first, which is the order that `board` prescribes.
+        stimulus.into_iter().chain(characters).chain(deadline).reduce(|a, b| if b.0 < a.0 { b } else { a })
+    }
+
+    /// Handles the next thing, and gives what the board does.
+    fn step(&mut self, at: Instant, next: Next, mut emit: impl FnMut(Instant, Output)) {
+        self.handled = at;
+        self.handle(at, next, &mut emit);
+        self.note_mute();
+    }
+
+    fn handle(&mut self, at: Instant, next: Next, emit: &mut impl FnMut(Instant, Output)) {
+        match next {
+            Next::Stimulus => match self.stimuli.pop_front() {
+                Some((_, Stimulus::Hang(hung))) => self.hang(at, hung, emit),
+                Some((_, stimulus)) => self.input(at, Input::Stimulus(stimulus), emit),
+                None => {}
+            },
+            Next::Character(port) => self.character(at, port, emit),
+            Next::Deadline => {
+                self.board.handle_timeout(at);
+                self.drain(at, emit);
+            }
+        }
+    }
+
+    fn character(&mut self, at: Instant, port: usize, emit: &mut impl FnMut(Instant, Output)) {
+        let Some(character) = self.receivers[port].take(at) else { return };
+        if !self.hung {
+            let port = u8::try_from(port).unwrap_or(u8::MAX);
+            self.input(at, Input::Character { port, character }, emit);
+        } else if self.receivers[port].is_buffered() {
+            self.fifos[port].push(character);
+        }
+    }
+
+    fn hang(&mut self, at: Instant, hung: bool, emit: &mut impl FnMut(Instant, Output)) {
+        self.hung = hung;
+        if hung {
+            return;
+        }
+        for port in 0..self.fifos.len() {
+            while let Some(character) = self.fifos[port].pop() {
+                let port = u8::try_from(port).unwrap_or(u8::MAX);
+                self.input(at, Input::Character { port, character }, emit);
+            }
+        }
+    }
+
+    fn input(&mut self, at: Instant, input: Input, emit: &mut impl FnMut(Instant, Output)) {
+        self.board.handle_input(at, input);
+        self.drain(at, emit);
+    }
+
+    fn drain(&mut self, at: Instant, emit: &mut impl FnMut(Instant, Output)) {
+        while let Some(output) = self.board.poll_output() {
+            emit(at, output);
+        }
+    }
+
+    fn note_mute(&mut self) {
+        let mute = (self.hung || self.board.mute())
+            && self.stimuli.is_empty()
+            && self.receivers.iter().all(|receiver| receiver.poll_timeout().is_none());
+        self.mute_since = if mute { self.mute_since.or(Some(self.handled)) } else { None };
+    }
+
+    /// The next thing is a deadline on the silence of the world outside.
+    fn waits_for_silence(&self) -> bool {
+        matches!(self.next(), Some((_, Next::Deadline))) && self.board.poll_timeout().is_some_and(|next| next.outside)
+    }
+}
+
+#[derive(Clone, Copy)]
+enum Next {
+    Stimulus,
+    Character(usize),
+    Deadline,
+}
+
+/// Steps one board through the turns that the harness gives it.
+#[derive(Debug)]
+pub struct Stepper<B> {
+    head: Cell<B>,
+    /// Earlier states, oldest first. Each has heard everything that `head` has heard.
+    checkpoints: Vec<Cell<B>>,
+    /// Everything before this instant has been run and told.
+    horizon: Instant,
+}
+
+/// A board put something on a port although it had been promised that nothing would come: a defect of the board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("broken promise: the board said it was mute, but spoke at {at}")]
+pub struct BrokenPromise {
+    /// When it spoke.
+    pub at: Instant,
+}
+
+impl<B: Board> Stepper<B> {
+    /// A stepper for `board`, as at power-on.
+    pub fn new(board: B) -> Self {
+        let head = Cell::new(board);
+        Self { checkpoints: vec![head.clone()], head, horizon: Instant::START }
+    }
+
+    /// The board, run ahead.
+    pub const fn board(&self) -> &B {
+        self.head.board()
+    }
+
+    /// Takes a turn: hears what the harness says, runs ahead, and says what comes out.
+    ///
+    /// # Errors
+    /// [`BrokenPromise`] if the board's `mute` was wrong.
+    pub fn turn(&mut self, turn: &Turn) -> Result<Batch, BrokenPromise> {
+        self.forget_before(turn.commit);
+        let effect = turn.heard.iter().map(|heard| self.head.effect(heard)).min();
+        if let Some(effect) = effect.filter(|effect| *effect <= self.head.handled) {
+            self.roll_back(effect);
+        }
+        let mut batch = Batch { from: self.horizon.min(effect.unwrap_or(Instant::NEVER)), ..Batch::default() };
+        self.catch_up(effect.unwrap_or(turn.until), &mut batch)?;
+        for heard in &turn.heard {
+            self.head.hear(heard);
+            self.checkpoints.iter_mut().for_each(|checkpoint| checkpoint.hear(heard));
+        }
+        self.run_ahead(turn.until, effect, &mut batch);
+        batch.horizon = self.horizon;
+        batch.mute_since = self.head.mute_since;
+        batch.ears = self.head.receivers.iter().map(Receiver::ear).collect();
+        Ok(batch)
+    }
+
+    /// Drops the checkpoints that no input can make necessary any more: none will matter before `commit`.
+    fn forget_before(&mut self, commit: Instant) {
+        let usable = self.checkpoints.partition_point(|checkpoint| checkpoint.handled < commit);
+        self.checkpoints.drain(..usable.saturating_sub(1));
+    }
+
+    /// Goes back to a state in which nothing at or after `effect` has been handled. What lies before has been told.
+    fn roll_back(&mut self, effect: Instant) {
+        let usable = self.checkpoints.partition_point(|checkpoint| checkpoint.handled < effect).max(1);
+        self.checkpoints.truncate(usable);
+        if let Some(checkpoint) = self.checkpoints.last() {
+            self.head = checkpoint.clone();
+        }
+        while let Some((at, next)) = self.head.next().filter(|(at, _)| *at < effect) {
+            self.head.step(at, next, |_, _| {});
+        }
+    }
+
+    /// Runs and tells what lies between the horizon and `until`: that is how a mute board catches up.
+    fn catch_up(&mut self, until: Instant, batch: &mut Batch) -> Result<(), BrokenPromise> {
+        let promised = self.head.mute_since.is_some();
+        while let Some((at, next)) = self.head.next().filter(|(at, _)| *at < until) {
+            let mut spoke = false;
+            self.head.step(at, next, |at, output| {
+                spoke |= matches!(output, Output::Character { .. } | Output::Cut { .. });
+                batch.outputs.push(Timed { at, output });
+            });
+            if promised && spoke {
+                return Err(BrokenPromise { at });
+            }
+        }
+        Ok(())
+    }
+
+    /// Runs at least to `until`, then on to the next outputs.
+    fn run_ahead(&mut self, until: Instant, effect: Option<Instant>, batch: &mut Batch) {
+        let cap = self.head.handled.max(until).max(effect.unwrap_or_default()) + RUN_AHEAD;
+        let mut run_on = Instant::NEVER;
+        let mut since_checkpoint = 0;
+        self.checkpoints.push(self.head.clone());
+        loop {
+            let Some((at, next)) = self.head.next() else {
+                self.horizon = Instant::NEVER;
+                break;
+            };
+            self.horizon = at;
+            if at >= until && (self.head.mute_since.is_some() || at >= cap || at >= run_on) {
+                break;
+            }
+            if batch.silent_from.is_none() && self.head.waits_for_silence() {
+                batch.silent_from = Some(self.head.handled);
+            }
+            if since_checkpoint == CHECKPOINT_EVERY {
+                since_checkpoint = 0;
+                self.checkpoints.push(self.head.clone());
+            }
+            since_checkpoint += 1;
+            self.head.step(at, next, |at, output| {
+                if let Output::Character { end, .. } = &output {
+                    run_on = *end + RUN_ON;
+                }
+                batch.outputs.push(Timed { at, output });
+            });
+        }
+    }
+}

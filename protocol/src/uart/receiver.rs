@@ -1,0 +1,348 @@
+//! Receivers: find a start edge, sample with their own clock, hand over a character at the last sample.
+
+use std::collections::VecDeque;
+
+use serde::{Deserialize, Serialize};
+
+use crate::clock::{Clock, Rate, Ticks};
+use crate::line::{Edge, Level, Waveform};
+use crate::time::{Instant, Span};
+use crate::uart::{BITS_PER_CHARACTER, Character};
+
+/// A UART receiver at the end of a line.
+///
+/// It looks for a falling edge, takes the first of its sampling ticks that sees the low as the start, checks the
+/// start bit, then samples eight data bits and the stop bit. After a character it waits for the next falling edge,
+/// so a line that stays low (a break) gives one character with a framing error and then nothing.
+#[derive(Clone, Debug)]
+pub struct Receiver {
+    ticks: Ticks,
+    latency: Span,
+    per_bit: u64,
+    /// The ticks within a bit cell at which the line is read; the majority wins.
+    votes: &'static [u64],
+    /// How many complete characters wait in hardware while the firmware is busy.
+    buffered: bool,
+    line: Waveform,
+    search_from: Instant,
+    attempts: VecDeque<Attempt>,
+    /// The last attempt that has been handed over: an edge before its end would still have changed it.
+    taken: Option<Attempt>,
+}
+
+/// A start edge that was followed up, given the edges known.
+#[derive(Clone, Copy, Debug)]
+struct Attempt {
+    /// An edge before this instant can still change the outcome.
+    until: Instant,
+    /// When the character is handed over, or would be, had the start bit held.
+    delivery: Instant,
+    /// `None`: the start bit did not hold.
+    character: Option<Character>,
+}
+
+/// What a receiver's state says of edges that it has not heard yet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Ear {
+    until: Instant,
+    delivery: Instant,
+    lookahead: Span,
+}
+
+impl Ear {
+    /// The first instant at which an edge at `t`, as yet unheard, can matter to the board behind the receiver.
+    pub fn effect(self, t: Instant) -> Instant {
+        if t < self.until { self.delivery } else { t + self.lookahead }
+    }
+}
+
+impl Receiver {
+    /// A hardware receiver at `baud` in `clock`: 16 samples a bit, a majority of the 7th, 8th and 9th, a two-deep FIFO.
+    pub fn hardware(baud: Rate, clock: Clock) -> Self {
+        let ticks = Ticks::new(Instant::START, baud.times(16), clock);
+        Self::new(ticks, Span::ZERO, 16, &[7, 8, 9], true)
+    }
+
+    pub(super) fn software(ticks: Ticks, per_bit: u64, latency: Span) -> Self {
+        Self::new(ticks, latency, per_bit, &[1], false)
+    }
+
+    fn new(ticks: Ticks, latency: Span, per_bit: u64, votes: &'static [u64], buffered: bool) -> Self {
+        Self {
+            ticks,
+            latency,
+            per_bit,
+            votes,
+            buffered,
+            line: Waveform::idle(),
+            search_from: Instant::START,
+            attempts: VecDeque::new(),
+            taken: None,
+        }
+    }
+
+    /// Whether characters are received by hardware while the firmware does not run.
+    pub const fn is_buffered(&self) -> bool {
+        self.buffered
+    }
+
+    /// Hears edges, in order.
+    pub fn hear(&mut self, edges: &[Edge]) {
+        let Some(first) = edges.first() else { return };
+        self.reconsider(first.at);
+        edges.iter().for_each(|edge| self.line.push(*edge));
+        self.follow_up();
+    }
+
+    /// Hears that the line goes idle at `at` and that what it was told to do after it will not come.
+    pub fn hear_cut(&mut self, at: Instant) {
+        self.reconsider(at);
+        self.line.cut(at);
+        self.follow_up();
+    }
+
+    /// When the next character is handed over.
+    pub fn poll_timeout(&self) -> Option<Instant> {
+        self.attempts.iter().find(|attempt| attempt.character.is_some()).map(|attempt| attempt.delivery)
+    }
+
+    /// Hands over the character that is due at `now`.
+    pub fn take(&mut self, now: Instant) -> Option<Character> {
+        if self.poll_timeout()? > now {
+            return None;
+        }
+        let attempt = loop {
+            let attempt = self.attempts.pop_front()?;
+            if attempt.character.is_some() {
+                break attempt;
+            }
+        };
+        self.taken = Some(attempt);
+        self.search_from = attempt.delivery;
+        self.line.forget_before(attempt.delivery);
+        attempt.character
+    }
+
+    /// What can be said of edges not yet heard.
+    pub fn ear(&self) -> Ear {
+        let last = self.attempts.back().or(self.taken.as_ref());
+        Ear {
+            until: last.map_or(Instant::START, |attempt| attempt.until),
+            delivery: last.map_or(Instant::START, |attempt| attempt.delivery),
+            lookahead: self.lookahead(),
+        }
+    }
+
+    /// The least time between a start edge and the character it starts: 9.5 bit times or a little less.
+    pub fn lookahead(&self) -> Span {
+        // One nanosecond for the rounding of ticks.
+        Span::from_nanos(self.ticks.span(self.last_sample()).as_nanos().saturating_sub(1))
+    }
+
+    fn last_sample(&self) -> u64 {
+        (BITS_PER_CHARACTER - 1) * self.per_bit + self.votes.last().copied().unwrap_or(0)
+    }
+
+    /// Drops the conclusions that an edge at `at` can change.
+    fn reconsider(&mut self, at: Instant) {
+        while self.attempts.back().is_some_and(|attempt| at < attempt.until) {
+            self.attempts.pop_back();
+        }
+    }
+
+    /// Follows up every start edge that is known and not yet followed up.
+    fn follow_up(&mut self) {
+        let mut from = self.attempts.back().map_or(self.search_from, |attempt| attempt.until);
+        while let Some(fall) = self.line.falling_from(from) {
+            let start = self.tick_from(fall);
+            let seen = self.instant(start);
+            if self.line.level_at(seen) == Level::High {
+                // Shorter than a tick: never seen.
+                from = fall.next();
+                continue;
+            }
+            let delivery = self.instant(start + self.last_sample());
+            let attempt = if self.level(start, 0) == Level::Low {
+                let byte = (1..=8).rev().fold(0, |byte, bit| byte << 1 | (self.level(start, bit) == Level::High) as u8);
+                let framing_error = self.level(start, 9) == Level::Low;
+                let character = Character { byte, framing_error, overrun: false };
+                Attempt { until: delivery, delivery, character: Some(character) }
+            } else {
+                let checked = self.instant(start + self.votes.last().copied().unwrap_or(0));
+                Attempt { until: checked, delivery, character: None }
+            };
+            self.attempts.push_back(attempt);
+            from = attempt.until;
+        }
+    }
+
+    /// The majority of the readings in bit cell `cell` of a character that started at tick `start`.
+    fn level(&self, start: u64, cell: u64) -> Level {
+        let read = |vote: &&u64| self.line.level_at(self.instant(start + cell * self.per_bit + **vote)) == Level::High;
+        let high = self.votes.iter().filter(read).count();
+        if 2 * high > self.votes.len() { Level::High } else { Level::Low }
+    }
+
+    fn instant(&self, tick: u64) -> Instant {
+        self.ticks.at(tick) + self.latency
+    }
+
+    fn tick_from(&self, t: Instant) -> u64 {
+        self.ticks.first_from(t - self.latency)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::uart::{TickTimer, Transmitter};
+
+    const BAUD: Rate = Rate::hz(9600);
+
+    fn clock(ppb: i32) -> Clock {
+        Clock::from_ppb(ppb).unwrap()
+    }
+
+    fn edges(bytes: &[u8], transmitter: &mut Transmitter, from: Instant) -> Vec<Vec<Edge>> {
+        bytes.iter().for_each(|byte| transmitter.push(*byte));
+        let mut now = from.max(transmitter.free_at());
+        bytes
+            .iter()
+            .map(|_| {
+                let loaded = transmitter.load(now).unwrap();
+                now = loaded.end;
+                loaded.edges
+            })
+            .collect()
+    }
+
+    fn received(receiver: &mut Receiver) -> Vec<Character> {
+        core::iter::from_fn(|| receiver.poll_timeout().and_then(|at| receiver.take(at))).collect()
+    }
+
+    fn good(bytes: &[u8]) -> Vec<Character> {
+        bytes.iter().map(|byte| Character::good(*byte)).collect()
+    }
+
+    #[test]
+    fn a_hardware_character_is_handed_over_at_the_third_vote_of_the_stop_bit() {
+        let mut receiver = Receiver::hardware(BAUD, Clock::TRUE);
+        receiver.hear(&edges(b"U", &mut Transmitter::hardware(BAUD, Clock::TRUE), Instant::START)[0]);
+        let at = receiver.poll_timeout().unwrap();
+        assert_eq!(at.as_nanos(), 153 * 1_000_000_000 / (16 * 9600) + 1);
+        assert!(at >= Instant::START + receiver.lookahead());
+        assert_eq!(receiver.take(at), Some(Character::good(b'U')));
+    }
+
+    #[test]
+    fn half_the_baud_rate_gives_framing_errors() {
+        let mut receiver = Receiver::hardware(BAUD, Clock::TRUE);
+        let mut slow = Transmitter::hardware(Rate::hz(4800), Clock::TRUE);
+        edges(&[0x00, 0x55], &mut slow, Instant::START).iter().for_each(|character| receiver.hear(character));
+        assert!(received(&mut receiver).iter().any(|character| character.framing_error));
+    }
+
+    #[test]
+    fn a_break_gives_one_framing_error() {
+        let mut receiver = Receiver::hardware(BAUD, Clock::TRUE);
+        receiver.hear(&[Edge { at: Instant::from_nanos(5), level: Level::Low }]);
+        let expected = Character { byte: 0, framing_error: true, overrun: false };
+        assert_eq!(received(&mut receiver), [expected]);
+        let up = Edge { at: Instant::from_nanos(50_000_000), level: Level::High };
+        receiver.hear(&[up]);
+        assert_eq!(received(&mut receiver), []);
+    }
+
+    #[test]
+    fn a_spike_is_no_start_bit() {
+        let mut receiver = Receiver::hardware(BAUD, Clock::TRUE);
+        let spike = |from, to| {
+            [(from, Level::Low), (to, Level::High)].map(|(ns, level)| Edge { at: Instant::from_nanos(ns), level })
+        };
+        receiver.hear(&spike(100_000, 130_000));
+        assert_eq!(received(&mut receiver), []);
+        // Unless the line falls again before the start bit is checked.
+        assert_eq!(receiver.ear().effect(Instant::from_nanos(135_000)).as_nanos(), 1_100_260);
+        receiver.hear(&spike(135_000, 200_000));
+        assert_eq!(received(&mut receiver), good(&[0xff]));
+    }
+
+    #[test]
+    fn one_reading_in_three_does_not_matter() {
+        let mut receiver = Receiver::hardware(BAUD, Clock::TRUE);
+        let mut character = edges(&[0xff], &mut Transmitter::hardware(BAUD, Clock::TRUE), Instant::START).remove(0);
+        // A low spike over the eighth tick of the first data bit only.
+        let tick = |n: u64| 1_000_000_000 * n / (16 * 9600);
+        character.push(Edge { at: Instant::from_nanos(tick(24) - 100), level: Level::Low });
+        character.push(Edge { at: Instant::from_nanos(tick(24) + 100), level: Level::High });
+        receiver.hear(&character);
+        assert_eq!(received(&mut receiver), good(&[0xff]));
+    }
+
+    #[test]
+    fn a_cut_in_mid_character_reads_as_idle_from_there() {
+        let mut receiver = Receiver::hardware(BAUD, Clock::TRUE);
+        receiver.hear(&edges(&[0x00], &mut Transmitter::hardware(BAUD, Clock::TRUE), Instant::START)[0]);
+        receiver.hear_cut(Instant::from_nanos(5 * 104_167));
+        assert_eq!(received(&mut receiver), good(&[0xf0]));
+    }
+
+    fn pairs() -> impl Strategy<Value = (Transmitter, Receiver)> {
+        // Together within ±3 %: what 3 samples a bit leave is (0.5 - 1/3) / 9.5 on the early side, 1/3 / 9 or more on the late.
+        let ppb = -7_500_000..7_500_000i32;
+        (ppb.clone(), ppb, 0..3u32, any::<bool>()).prop_map(|(sender, receiver, link, down)| {
+            let (sender, receiver) = (clock(sender), clock(receiver));
+            if down {
+                (TickTimer::new(BAUD, sender).transmitter(link), Receiver::hardware(BAUD, receiver))
+            } else {
+                (Transmitter::hardware(BAUD, sender), TickTimer::new(BAUD, receiver).receiver(link))
+            }
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn what_is_sent_is_received((mut transmitter, mut receiver) in pairs(), bytes in prop::collection::vec(any::<u8>(), 1..20), from in 0..10_000_000u64) {
+            for character in edges(&bytes, &mut transmitter, Instant::from_nanos(from)) {
+                let earliest = receiver.ear().effect(character[0].at);
+                let before = receiver.poll_timeout();
+                receiver.hear(&character);
+                prop_assert!(before.is_some() || receiver.poll_timeout().unwrap() >= earliest);
+            }
+            prop_assert_eq!(received(&mut receiver), good(&bytes));
+        }
+
+        /// Hearing edges piece by piece gives what hearing them at once gives, and nothing changes before the announced instant.
+        #[test]
+        fn an_ear_never_promises_too_much(mut gaps in prop::collection::vec(1..400_000u64, 2..60), software in any::<bool>()) {
+            let new = || if software { TickTimer::new(BAUD, Clock::TRUE).receiver(1) } else { Receiver::hardware(BAUD, Clock::TRUE) };
+            let mut t = 0;
+            let mut level = Level::High;
+            let edges: Vec<Edge> = gaps.drain(..).map(|gap| {
+                t += gap;
+                level = if level == Level::High { Level::Low } else { Level::High };
+                Edge { at: Instant::from_nanos(t), level }
+            }).collect();
+            let mut whole = new();
+            whole.hear(&edges);
+            let mut pieces = new();
+            for edge in &edges {
+                let effect = pieces.ear().effect(edge.at);
+                let before: Vec<_> = received_before(pieces.clone(), effect);
+                pieces.hear(&[*edge]);
+                prop_assert_eq!(before, received_before(pieces.clone(), effect));
+            }
+            prop_assert_eq!(received(&mut whole), received(&mut pieces));
+        }
+    }
+
+    fn received_before(mut receiver: Receiver, t: Instant) -> Vec<(Instant, Character)> {
+        let mut characters = Vec::new();
+        while let Some(at) = receiver.poll_timeout().filter(|at| *at < t) {
+            characters.extend(receiver.take(at).map(|character| (at, character)));
+        }
+        characters
+    }
+}

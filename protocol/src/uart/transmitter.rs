@@ -1,0 +1,160 @@
+//! Transmitters: a byte becomes all the edges of its character at the instant the shift register loads.
+
+use std::collections::VecDeque;
+
+use crate::clock::{Clock, Rate, Ticks};
+use crate::line::{Edge, Level};
+use crate::time::{Instant, Span};
+use crate::uart::BITS_PER_CHARACTER;
+
+/// A UART transmitter with the firmware's send queue in front of it.
+#[derive(Clone, Debug)]
+pub struct Transmitter {
+    pacing: Pacing,
+    queue: VecDeque<u8>,
+    free_at: Instant,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Pacing {
+    /// Ticks are bit times, counted from the instant of loading.
+    Hardware { bits: Ticks },
+    /// Ticks are the interrupt's, counted from the start of the rig.
+    Software { ticks: Ticks, per_bit: u64, latency: Span },
+}
+
+/// A character that has just been committed to the line.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Loaded {
+    /// The byte.
+    pub byte: u8,
+    /// Its edges, the start bit's first.
+    pub edges: Vec<Edge>,
+    /// The end of its stop bit: no other character can start before.
+    pub end: Instant,
+}
+
+impl Transmitter {
+    /// A hardware transmitter at `baud` in `clock`.
+    pub fn hardware(baud: Rate, clock: Clock) -> Self {
+        Self::new(Pacing::Hardware { bits: Ticks::new(Instant::START, baud, clock) })
+    }
+
+    pub(super) fn software(ticks: Ticks, per_bit: u64, latency: Span) -> Self {
+        Self::new(Pacing::Software { ticks, per_bit, latency })
+    }
+
+    fn new(pacing: Pacing) -> Self {
+        Self { pacing, queue: VecDeque::new(), free_at: Instant::START }
+    }
+
+    /// Queues a byte.
+    pub fn push(&mut self, byte: u8) {
+        self.queue.push_back(byte);
+    }
+
+    /// Forgets what is queued; the character on the line goes on.
+    pub fn clear(&mut self) {
+        self.queue.clear();
+    }
+
+    /// When the next queued byte can load, if one is queued.
+    pub fn poll_timeout(&self) -> Option<Instant> {
+        (!self.queue.is_empty()).then_some(self.free_at)
+    }
+
+    /// The end of the last character's stop bit, or the start of the rig.
+    pub const fn free_at(&self) -> Instant {
+        self.free_at
+    }
+
+    /// Nothing queued and nothing on the line at `now`.
+    pub fn is_idle(&self, now: Instant) -> bool {
+        self.queue.is_empty() && self.free_at <= now
+    }
+
+    /// Loads the shift register at `now`, if it is free and a byte is queued.
+    pub fn load(&mut self, now: Instant) -> Option<Loaded> {
+        if now < self.free_at {
+            return None;
+        }
+        let byte = self.queue.pop_front()?;
+        let bit = self.bits_from(now);
+        let end = bit(BITS_PER_CHARACTER);
+        let mut edges = Vec::with_capacity(BITS_PER_CHARACTER as usize);
+        let mut last = Level::High;
+        for n in 0..BITS_PER_CHARACTER {
+            let level = level_of(byte, n);
+            if level != last {
+                edges.push(Edge { at: bit(n), level });
+                last = level;
+            }
+        }
+        self.free_at = end;
+        Some(Loaded { byte, edges, end })
+    }
+
+    /// The instants at which the bits of a character that loads at `now` start.
+    fn bits_from(&self, now: Instant) -> impl Fn(u64) -> Instant + use<> {
+        let (ticks, first, per_bit, latency) = match self.pacing {
+            Pacing::Hardware { bits } => (bits.from(now), 0, 1, Span::ZERO),
+            Pacing::Software { ticks, per_bit, latency } => (ticks, ticks.first_from(now - latency), per_bit, latency),
+        };
+        move |n| ticks.at(first + n * per_bit) + latency
+    }
+}
+
+/// The level of bit `n` of a character: 0 is the start bit, 1 to 8 the data, 9 the stop bit.
+fn level_of(byte: u8, n: u64) -> Level {
+    match n {
+        0 => Level::Low,
+        1..=8 if byte >> (n - 1) & 1 == 0 => Level::Low,
+        _ => Level::High,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::uart::TickTimer;
+
+    fn load(transmitter: &mut Transmitter, byte: u8, now: u64) -> Loaded {
+        transmitter.push(byte);
+        transmitter.load(Instant::from_nanos(now)).unwrap()
+    }
+
+    #[test]
+    fn a_character_is_drawn_from_its_origin() {
+        let mut uart = Transmitter::hardware(Rate::hz(9600), Clock::TRUE);
+        let loaded = load(&mut uart, 0x0f, 1_000);
+        let ns: Vec<_> = loaded.edges.iter().map(|edge| (edge.at.as_nanos() - 1_000, edge.level)).collect();
+        assert_eq!(ns, [(0, Level::Low), (104_167, Level::High), (520_833, Level::Low), (937_500, Level::High)]);
+        assert_eq!(loaded.end.as_nanos(), 1_042_667);
+    }
+
+    #[test]
+    fn the_next_character_waits_for_the_stop_bit() {
+        let mut uart = Transmitter::hardware(Rate::hz(9600), Clock::TRUE);
+        let first = load(&mut uart, 0, 0);
+        uart.push(1);
+        assert_eq!(uart.load(first.end - Span::from_nanos(1)), None);
+        assert_eq!(uart.poll_timeout(), Some(first.end));
+        assert!(uart.load(first.end).is_some());
+    }
+
+    #[test]
+    fn software_links_start_on_the_same_tick_one_after_the_other() {
+        let timer = TickTimer::new(Rate::hz(9600), Clock::TRUE);
+        let starts = [0, 1, 2].map(|n| load(&mut timer.transmitter(n), 0x55, 30_000).edges[0].at.as_nanos());
+        // Ticks lie 34.722 µs apart; tick 1 is the first after 30 µs, and each link is served a little later.
+        assert_eq!(starts, [37_722, 41_722, 45_722]);
+    }
+
+    #[test]
+    fn software_characters_follow_one_another_without_a_gap() {
+        let mut uart = TickTimer::new(Rate::hz(9600), Clock::from_ppb(-1_000_000).unwrap()).transmitter(0);
+        let first = load(&mut uart, 0xa5, 123_456);
+        let second = load(&mut uart, 0xa5, first.end.as_nanos());
+        assert_eq!(second.edges[0].at, first.end);
+    }
+}
