@@ -1,1 +1,11 @@
-//! The master.
+//! The lathe's master board (PIC16F877A): receives frames from the PC over its hardware UART, distributes them to
+//! three motor slaves over three software UARTs, supervises the slaves, and holds the PC while any of them is busy.
+//!
+//! Peña & Martínez (2009), §3, gives the task; the conversation that fulfils it is ours and is told in
+//! [`torno_protocol::lathe`].
+
+mod assembly;
+mod master;
+mod supervision;
+
+pub use master::{Master, MasterSettings};

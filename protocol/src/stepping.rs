@@ -71,7 +71,10 @@ impl<B: Board> Cell<B> {
                     receiver.hear_cut(*at);
                 }
             }
-            Heard::Stimulus { at, stimulus } => self.stimuli.push_back((*at, stimulus.clone())),
+            Heard::Stimulus { at, stimulus } => {
+                let after = self.stimuli.partition_point(|(other, _)| other <= at);
+                self.stimuli.insert(after, (*at, stimulus.clone()));
+            }
         }
         self.note_mute();
     }
@@ -86,6 +89,13 @@ impl<B: Board> Cell<B> {
             },
             Heard::Cut { port, at } => ear(*port).map_or(Instant::NEVER, |ear| ear.effect(*at)),
             Heard::Stimulus { at, .. } => *at,
+        }
+    }
+
+    /// Runs everything before `until`, and gives what the board does.
+    pub fn run(&mut self, until: Instant, mut emit: impl FnMut(Instant, Output)) {
+        while let Some((at, next)) = self.next().filter(|(at, _)| *at < until) {
+            self.step(at, next, &mut emit);
         }
     }
 
@@ -247,25 +257,23 @@ impl<B: Board> Stepper<B> {
         if let Some(checkpoint) = self.checkpoints.last() {
             self.head = checkpoint.clone();
         }
-        while let Some((at, next)) = self.head.next().filter(|(at, _)| *at < effect) {
-            self.head.step(at, next, |_, _| {});
-        }
+        self.head.run(effect, |_, _| {});
     }
 
     /// Runs and tells what lies between the horizon and `until`: that is how a mute board catches up.
     fn catch_up(&mut self, until: Instant, batch: &mut Batch) -> Result<(), BrokenPromise> {
         let promised = self.head.mute_since.is_some();
-        while let Some((at, next)) = self.head.next().filter(|(at, _)| *at < until) {
-            let mut spoke = false;
-            self.head.step(at, next, |at, output| {
-                spoke |= matches!(output, Output::Character { .. } | Output::Cut { .. });
-                batch.outputs.push(Timed { at, output });
-            });
-            if promised && spoke {
-                return Err(BrokenPromise { at });
+        let mut spoke = None;
+        self.head.run(until, |at, output| {
+            if matches!(output, Output::Character { .. } | Output::Cut { .. }) {
+                spoke.get_or_insert(at);
             }
+            batch.outputs.push(Timed { at, output });
+        });
+        match spoke {
+            Some(at) if promised => Err(BrokenPromise { at }),
+            _ => Ok(()),
         }
-        Ok(())
     }
 
     /// Runs at least to `until`, then on to the next outputs.

@@ -75,6 +75,10 @@ pub enum Refusal {
 }
 
 impl Refusal {
+    /// Every reason.
+    pub const ALL: [Self; 6] =
+        [Self::Direction, Self::Speed, Self::CutShort, Self::Overrun, Self::LineError, Self::Faulted];
+
     const LETTERS: [(Self, u8, &'static str); 6] = [
         (Self::Direction, b'd', "direction"),
         (Self::Speed, b's', "speed"),

@@ -1,0 +1,202 @@
+//! Puts the PC's characters together into frames. A frame has no delimiter, so silence is what tells them apart.
+
+use torno_protocol::clock::Clock;
+use torno_protocol::lathe::{CHARACTER, FRAME_GAP, Refusal};
+use torno_protocol::time::{Instant, Span};
+use torno_protocol::uart::Character;
+
+/// What a PC has already loaded still comes after it has been told to stop: a part whose last byte comes within this
+/// time of the `XOFF` waits for the `XON`. (Ours: one character of `XOFF` itself, two in the PC's UART.)
+const STOPPING: Span = CHARACTER.times(3);
+
+/// A frame's bytes.
+pub(crate) type Bytes = [u8; 8];
+
+#[derive(Clone, Debug)]
+pub(crate) struct Assembly {
+    /// How long the line may be silent in mid-frame. Counted from the end of one character to the end of the next,
+    /// so one character time longer than the silence itself.
+    silence: Span,
+    stopping: Span,
+    bytes: Vec<u8>,
+    last: Instant,
+    mode: Mode,
+    /// When the line has been silent for long enough to draw a conclusion.
+    deadline: Option<Instant>,
+    /// When the PC was told to stop, if it has not been told to go on.
+    stopped_at: Option<Instant>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Mode {
+    Collecting,
+    /// Everything is thrown away until the line falls silent; the answer is still to be given, or has been.
+    Discarding(Option<Refusal>),
+    /// The same, but the silence counts only from the next `XON`: until then the PC may be silent because it is held.
+    Abandoned(Option<Refusal>),
+}
+
+impl Assembly {
+    pub(crate) fn new(clock: Clock) -> Self {
+        Self {
+            silence: clock.span(FRAME_GAP + CHARACTER),
+            stopping: clock.span(STOPPING),
+            bytes: Vec::with_capacity(8),
+            last: Instant::START,
+            mode: Mode::Collecting,
+            deadline: None,
+            stopped_at: None,
+        }
+    }
+
+    /// A character came. Gives a frame that is complete with it, or a refusal that it causes.
+    pub(crate) fn character(&mut self, now: Instant, character: Character) -> Option<Result<Bytes, Refusal>> {
+        self.last = now;
+        if self.mode == Mode::Collecting {
+            self.deadline = Some(now + self.silence);
+            return match character.ok() {
+                Some(byte) => self.collect(byte).map(Ok),
+                None => {
+                    self.bytes.clear();
+                    self.mode = Mode::Discarding(None);
+                    Some(Err(Refusal::LineError))
+                }
+            };
+        }
+        match &mut self.mode {
+            Mode::Collecting => None,
+            Mode::Discarding(answer) => {
+                self.deadline = Some(now + self.silence);
+                answer.take().map(Err)
+            }
+            Mode::Abandoned(answer) => answer.take().map(Err),
+        }
+    }
+
+    fn collect(&mut self, byte: u8) -> Option<Bytes> {
+        self.bytes.push(byte);
+        let frame = Bytes::try_from(self.bytes.as_slice()).ok()?;
+        self.bytes.clear();
+        self.deadline = None;
+        Some(frame)
+    }
+
+    pub(crate) fn poll_timeout(&self) -> Option<Instant> {
+        self.deadline
+    }
+
+    /// The line has been silent for long enough. Gives the refusal that this causes.
+    pub(crate) fn handle_silence(&mut self) -> Option<Refusal> {
+        self.deadline = None;
+        if self.mode != Mode::Collecting {
+            self.mode = Mode::Collecting;
+            return None;
+        }
+        if self.stopped_at.is_some_and(|stopped| self.last <= stopped + self.stopping) {
+            return None;
+        }
+        self.bytes.clear();
+        Some(Refusal::CutShort)
+    }
+
+    /// The PC is being told to stop.
+    pub(crate) fn stop(&mut self, now: Instant) {
+        self.stopped_at = Some(now);
+    }
+
+    /// The PC is being told to go on.
+    pub(crate) fn go_on(&mut self, now: Instant) {
+        self.stopped_at = None;
+        if let Mode::Abandoned(answer) = self.mode {
+            self.mode = Mode::Discarding(answer);
+        }
+        if !self.bytes.is_empty() || self.mode != Mode::Collecting {
+            self.deadline = Some(now + self.silence);
+        }
+    }
+
+    /// Throws away what has been received and whatever comes until the PC's line has been silent after the next `XON`.
+    pub(crate) fn abandon(&mut self) {
+        self.bytes.clear();
+        self.deadline = None;
+        self.mode = Mode::Abandoned(Some(Refusal::Faulted));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FRAME: Bytes = [1, 2, 3, 4, 5, 6, 7, 8];
+
+    fn ms(ms: u64) -> Instant {
+        Instant::START + Span::from_millis(ms)
+    }
+
+    fn send(assembly: &mut Assembly, at: Instant, bytes: &[u8]) -> Vec<Result<Bytes, Refusal>> {
+        let at = |n: usize| at + CHARACTER.times(n as u64);
+        bytes.iter().enumerate().filter_map(|(n, byte)| assembly.character(at(n), Character::good(*byte))).collect()
+    }
+
+    #[test]
+    fn a_silence_of_50_ms_is_still_mid_frame() {
+        let mut assembly = Assembly::new(Clock::TRUE);
+        send(&mut assembly, ms(0), &FRAME[..4]);
+        let resumes = ms(0) + CHARACTER.times(4) + FRAME_GAP;
+        assert!(assembly.poll_timeout().is_some_and(|deadline| deadline >= resumes));
+        assert_eq!(send(&mut assembly, resumes, &FRAME[4..]), [Ok(FRAME)]);
+        assert_eq!(assembly.poll_timeout(), None);
+    }
+
+    #[test]
+    fn a_longer_silence_cuts_the_frame_short() {
+        let mut assembly = Assembly::new(Clock::TRUE);
+        send(&mut assembly, ms(0), &FRAME[..7]);
+        assert_eq!(assembly.handle_silence(), Some(Refusal::CutShort));
+        assert_eq!(send(&mut assembly, ms(100), &FRAME), [Ok(FRAME)]);
+    }
+
+    #[test]
+    fn a_line_error_is_answered_once_and_the_rest_thrown_away_until_silence() {
+        let mut assembly = Assembly::new(Clock::TRUE);
+        let broken = Character { framing_error: true, ..Character::good(0) };
+        assert_eq!(assembly.character(ms(0), broken), Some(Err(Refusal::LineError)));
+        assert_eq!(send(&mut assembly, ms(1), &FRAME), []);
+        assert_eq!(assembly.handle_silence(), None);
+        assert_eq!(send(&mut assembly, ms(100), &FRAME), [Ok(FRAME)]);
+    }
+
+    #[test]
+    fn a_part_that_comes_while_the_pc_stops_waits_for_it_to_go_on() {
+        let mut assembly = Assembly::new(Clock::TRUE);
+        assembly.stop(ms(10));
+        send(&mut assembly, ms(11), &FRAME[..2]);
+        assert_eq!(assembly.handle_silence(), None);
+        assert_eq!(assembly.poll_timeout(), None);
+        assembly.go_on(ms(9_000));
+        assert!(assembly.poll_timeout().is_some());
+        assert_eq!(send(&mut assembly, ms(9_001), &FRAME[2..]), [Ok(FRAME)]);
+    }
+
+    #[test]
+    fn a_part_that_comes_later_does_not() {
+        let mut assembly = Assembly::new(Clock::TRUE);
+        assembly.stop(ms(10));
+        send(&mut assembly, ms(14), &FRAME[..2]);
+        assert_eq!(assembly.handle_silence(), Some(Refusal::CutShort));
+    }
+
+    #[test]
+    fn after_a_failure_everything_is_thrown_away_until_silence_after_xon() {
+        let mut assembly = Assembly::new(Clock::TRUE);
+        send(&mut assembly, ms(0), &FRAME[..2]);
+        assembly.abandon();
+        assert_eq!(assembly.poll_timeout(), None);
+        assert_eq!(send(&mut assembly, ms(2_000), &FRAME), [Err(Refusal::Faulted)]);
+        assembly.go_on(ms(3_000));
+        assert_eq!(send(&mut assembly, ms(3_010), &FRAME), []);
+        assert!(assembly.poll_timeout().is_some_and(|deadline| deadline > ms(3_060)));
+        assembly.handle_silence();
+        assert_eq!(send(&mut assembly, ms(4_000), &FRAME), [Ok(FRAME)]);
+    }
+}

@@ -1,0 +1,197 @@
+//! Supervises one slave: knows whether it is busy, and enquires while it is.
+
+use torno_protocol::lathe::{ACK, BEL, CAN, Fault};
+use torno_protocol::time::{Instant, Span};
+
+/// How a busy slave is watched. (Ours: the paper says that the master monitors, not how.)
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Patience {
+    /// From one enquiry to the next.
+    pub(crate) period: Span,
+    /// How long an enquiry may go unanswered.
+    pub(crate) answer: Span,
+    /// How many enquiries in a row may go unanswered.
+    pub(crate) enquiries: u32,
+}
+
+/// What the master knows of a slave.
+#[derive(Clone, Debug)]
+pub(crate) struct Supervision {
+    patience: Patience,
+    state: State,
+    /// `CAN` has come; the letter that follows says why.
+    cancelling: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum State {
+    /// Waiting for instructions.
+    Idle,
+    /// Executing. The next enquiry is due, or the answer to the last one overdue, at the deadline.
+    Busy { deadline: Instant, unanswered: u32, next_period: Instant },
+    /// It does not answer.
+    Lost,
+}
+
+/// What came of something that a slave sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Report {
+    /// It is done with what it was told.
+    Done,
+    /// It failed.
+    Failed(Fault),
+    /// It answers again.
+    Back,
+    /// Nothing new.
+    Nothing,
+    /// It makes no sense here.
+    OutOfPlace,
+}
+
+impl Supervision {
+    pub(crate) const fn new(patience: Patience) -> Self {
+        Self { patience, state: State::Idle, cancelling: false }
+    }
+
+    /// The slave is being given its part of a frame. One that does not answer gets it too, but is not waited for.
+    pub(crate) fn start(&mut self, now: Instant) {
+        self.cancelling = false;
+        if self.state != State::Lost {
+            let deadline = now + self.patience.period;
+            self.state = State::Busy { deadline, unanswered: 0, next_period: deadline };
+        }
+    }
+
+    pub(crate) fn is_busy(&self) -> bool {
+        matches!(self.state, State::Busy { .. })
+    }
+
+    pub(crate) fn is_lost(&self) -> bool {
+        self.state == State::Lost
+    }
+
+    pub(crate) fn poll_timeout(&self) -> Option<Instant> {
+        match self.state {
+            State::Busy { deadline, .. } => Some(deadline),
+            State::Idle | State::Lost => None,
+        }
+    }
+
+    /// The deadline is due. `true`: enquire now; `false`: the slave is lost.
+    pub(crate) fn handle_timeout(&mut self, now: Instant) -> bool {
+        let State::Busy { unanswered, next_period, .. } = self.state else { return false };
+        if unanswered >= self.patience.enquiries {
+            self.state = State::Lost;
+            return false;
+        }
+        let next_period = if unanswered == 0 { now + self.patience.period } else { next_period };
+        self.state = State::Busy { deadline: now + self.patience.answer, unanswered: unanswered + 1, next_period };
+        true
+    }
+
+    /// The slave sent a byte.
+    pub(crate) fn byte(&mut self, byte: u8) -> Report {
+        if core::mem::take(&mut self.cancelling) {
+            return match Fault::from_letter(byte) {
+                Some(fault) => self.failed(fault),
+                None => Report::OutOfPlace,
+            };
+        }
+        match (byte, self.state) {
+            (CAN, _) => {
+                self.cancelling = true;
+                Report::Nothing
+            }
+            (ACK | BEL, State::Lost) => {
+                self.state = State::Idle;
+                Report::Back
+            }
+            (ACK, State::Busy { .. }) => {
+                self.state = State::Idle;
+                Report::Done
+            }
+            // The answer to an enquiry that crossed the first `ACK`.
+            (ACK, State::Idle) => Report::Nothing,
+            (BEL, State::Busy { next_period, .. }) => {
+                self.state = State::Busy { deadline: next_period, unanswered: 0, next_period };
+                Report::Nothing
+            }
+            _ => Report::OutOfPlace,
+        }
+    }
+
+    /// A slave that says how it failed has answered, so it may be given new instructions.
+    fn failed(&mut self, fault: Fault) -> Report {
+        let was = core::mem::replace(&mut self.state, State::Idle);
+        if was == State::Lost { Report::Back } else { Report::Failed(fault) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PATIENCE: Patience =
+        Patience { period: Span::from_secs(1), answer: Span::from_millis(20), enquiries: 3 };
+
+    fn ms(ms: u64) -> Instant {
+        Instant::START + Span::from_millis(ms)
+    }
+
+    fn busy() -> Supervision {
+        let mut supervision = Supervision::new(PATIENCE);
+        supervision.start(ms(0));
+        supervision
+    }
+
+    #[test]
+    fn enquires_once_a_second() {
+        let mut slave = busy();
+        for second in 1..4 {
+            assert_eq!(slave.poll_timeout(), Some(ms(1000 * second)));
+            assert!(slave.handle_timeout(ms(1000 * second)));
+            assert_eq!(slave.byte(BEL), Report::Nothing);
+        }
+        assert_eq!(slave.byte(ACK), Report::Done);
+        assert_eq!(slave.poll_timeout(), None);
+    }
+
+    #[test]
+    fn the_third_unanswered_enquiry_loses_it() {
+        let mut slave = busy();
+        for at in [1000, 1020, 1040] {
+            assert_eq!(slave.poll_timeout(), Some(ms(at)));
+            assert!(slave.handle_timeout(ms(at)));
+        }
+        assert!(!slave.handle_timeout(ms(1060)));
+        assert!(slave.is_lost() && !slave.is_busy());
+        slave.start(ms(2000));
+        assert!(slave.is_lost(), "instructions alone do not bring it back");
+        assert_eq!(slave.byte(ACK), Report::Back);
+    }
+
+    #[test]
+    fn an_answer_starts_the_count_anew() {
+        let mut slave = busy();
+        slave.handle_timeout(ms(1000));
+        slave.handle_timeout(ms(1020));
+        slave.byte(BEL);
+        assert_eq!(slave.poll_timeout(), Some(ms(2000)));
+    }
+
+    #[test]
+    fn a_fault_is_reported_with_its_letter() {
+        let mut slave = busy();
+        assert_eq!(slave.byte(CAN), Report::Nothing);
+        assert_eq!(slave.byte(b'e'), Report::Failed(Fault::EndOfTravel));
+        assert!(!slave.is_busy() && !slave.is_lost());
+    }
+
+    #[test]
+    fn a_broken_fault_report_leaves_it_busy() {
+        let mut slave = busy();
+        slave.byte(CAN);
+        assert_eq!(slave.byte(0xff), Report::OutOfPlace);
+        assert!(slave.is_busy());
+    }
+}

@@ -1,0 +1,333 @@
+//! The master's conversation, to the byte: characters in and out over real waveforms, the slaves played by the test.
+
+use proptest::prelude::*;
+use torno_master::{Master, MasterSettings};
+use torno_protocol::board::{Output, Stimulus};
+use torno_protocol::clock::{Clock, Rate};
+use torno_protocol::lathe::{ACK, BEL, CAN, CHARACTER, ENQ, NAK, RATE, Slave, XOFF, XON};
+use torno_protocol::record::Heard;
+use torno_protocol::stepping::Cell;
+use torno_protocol::time::{Instant, Span};
+use torno_protocol::uart::{Character, Receiver, Transmitter};
+
+const FRAME: [u8; 8] = [0x4b, 0x70, 0x23, 0x28, 0x01, 0x00, 0x38, 0x00];
+const AT_REST: [u8; 8] = [0; 8];
+
+/// A master with the test at the other end of its four ports.
+struct Bench {
+    cell: Cell<Master>,
+    now: Instant,
+    transmitters: Vec<Transmitter>,
+    receivers: Vec<Receiver>,
+}
+
+impl Bench {
+    fn new() -> Self {
+        Self::with_pc_at(RATE)
+    }
+
+    fn with_pc_at(baud: Rate) -> Self {
+        let master = Master::new(&MasterSettings::default(), Clock::TRUE);
+        let mut transmitters = vec![Transmitter::hardware(RATE, Clock::TRUE); 4];
+        transmitters[0] = Transmitter::hardware(baud, Clock::TRUE);
+        let receivers = vec![Receiver::hardware(RATE, Clock::TRUE); 4];
+        Self { cell: Cell::new(master), now: Instant::from_nanos(1_000_000), transmitters, receivers }
+    }
+
+    /// Sends bytes to a port back to back, and lets them arrive.
+    fn send(&mut self, port: usize, bytes: &[u8]) {
+        for byte in bytes {
+            let transmitter = &mut self.transmitters[port];
+            transmitter.push(*byte);
+            let loaded = transmitter.load(self.now.max(transmitter.free_at())).unwrap();
+            self.cell.hear(&Heard::Edges { port: port as u8, edges: loaded.edges });
+            self.run_to(loaded.end);
+        }
+    }
+
+    fn run_to(&mut self, until: Instant) {
+        let receivers = &mut self.receivers;
+        self.cell.run(until, |_, output| {
+            if let Output::Character { port, edges, .. } = output {
+                receivers[usize::from(port)].hear(&edges);
+            }
+        });
+        self.now = until;
+    }
+
+    fn run(&mut self, span: Span) {
+        self.run_to(self.now + span);
+    }
+
+    /// What has arrived from a port by now.
+    fn received(&mut self, port: usize) -> Vec<u8> {
+        let now = self.now;
+        let receiver = &mut self.receivers[port];
+        let due = core::iter::from_fn(|| receiver.poll_timeout().filter(|at| *at < now).and_then(|at| receiver.take(at)));
+        due.map(|character: Character| character.ok().unwrap()).collect()
+    }
+
+    fn replies(&mut self) -> Vec<u8> {
+        self.run(Span::from_millis(5));
+        self.received(0)
+    }
+
+    /// All three slaves report done.
+    fn slaves_done(&mut self) {
+        (1..=3).for_each(|port| self.send(port, &[ACK]));
+    }
+}
+
+fn ms(ms: u64) -> Span {
+    Span::from_millis(ms)
+}
+
+#[test]
+fn a_frame_reaches_the_slaves_in_parts_and_is_acknowledged() {
+    let mut bench = Bench::new();
+    bench.send(0, &FRAME);
+    bench.run(ms(10));
+    assert_eq!(bench.received(1), FRAME[..1]);
+    assert_eq!(bench.received(2), FRAME[1..5]);
+    assert_eq!(bench.received(3), FRAME[5..]);
+    assert_eq!(bench.replies(), [ACK]);
+    bench.slaves_done();
+    assert_eq!(bench.replies(), [XON]);
+}
+
+#[test]
+fn the_acknowledgement_comes_when_the_longest_part_is_out() {
+    let mut bench = Bench::new();
+    bench.send(0, &FRAME);
+    let sent = bench.now;
+    bench.run_to(sent + CHARACTER.times(5) - ms(1));
+    assert_eq!(bench.received(0), []);
+    bench.run_to(sent + CHARACTER.times(5) + Span::from_micros(100));
+    assert_eq!(bench.received(0), [ACK]);
+}
+
+#[test]
+fn two_frames_in_one_write_give_ack_xoff_xon_ack_xon() {
+    let mut bench = Bench::new();
+    bench.send(0, &[FRAME, AT_REST].concat());
+    assert_eq!(bench.replies(), [ACK, XOFF]);
+    bench.slaves_done();
+    bench.run(ms(10));
+    assert_eq!(bench.received(2), [&FRAME[1..5], &AT_REST[1..5]].concat());
+    assert_eq!(bench.replies(), [XON, ACK]);
+    bench.slaves_done();
+    assert_eq!(bench.replies(), [XON]);
+}
+
+#[test]
+fn a_third_frame_is_refused_and_the_held_one_still_executed() {
+    let mut bench = Bench::new();
+    bench.send(0, &[FRAME, AT_REST, FRAME].concat());
+    assert_eq!(bench.replies(), [ACK, XOFF, NAK, b'o']);
+    bench.slaves_done();
+    assert_eq!(bench.replies(), [XON]);
+    assert_eq!(bench.replies(), [ACK]);
+}
+
+#[test]
+fn an_invalid_frame_is_refused_at_once_also_while_slaves_are_busy() {
+    let mut bench = Bench::new();
+    let [mut direction, mut speed] = [FRAME; 2];
+    direction[4] = 7;
+    speed[0] = 3;
+    bench.send(0, &direction);
+    assert_eq!(bench.replies(), [NAK, b'd']);
+    assert_eq!(bench.received(2), []);
+    bench.send(0, &FRAME);
+    bench.send(0, &speed);
+    assert_eq!(bench.replies(), [ACK, NAK, b's']);
+    bench.slaves_done();
+    assert_eq!(bench.replies(), [XON]);
+}
+
+#[test]
+fn a_part_of_a_frame_is_discarded_after_50_ms() {
+    let mut bench = Bench::new();
+    bench.send(0, &FRAME[..5]);
+    bench.run(ms(60));
+    assert_eq!(bench.received(0), [NAK, b'c']);
+    bench.send(0, &FRAME);
+    bench.run(ms(10));
+    assert_eq!(bench.received(0), [ACK]);
+}
+
+#[test]
+fn the_wrong_speed_is_a_line_error() {
+    for baud in [1200, 2400, 4800, 19_200, 38_400] {
+        let mut bench = Bench::with_pc_at(Rate::hz(baud));
+        bench.send(0, &FRAME.repeat(2));
+        bench.run(ms(60));
+        assert_eq!(bench.received(0), [NAK, b'l'], "{baud} baud");
+    }
+}
+
+#[test]
+fn what_a_stopping_pc_still_sends_is_kept() {
+    let mut bench = Bench::new();
+    bench.send(0, &[&FRAME[..], &AT_REST, &FRAME[..2]].concat());
+    assert_eq!(bench.replies(), [ACK, XOFF]);
+    bench.run(ms(200));
+    bench.slaves_done();
+    bench.run(ms(10));
+    assert_eq!(bench.received(0), [XON, ACK]);
+    bench.send(0, &FRAME[2..]);
+    assert_eq!(bench.replies(), [XOFF]);
+}
+
+#[test]
+fn a_busy_slave_is_asked_once_a_second() {
+    let mut bench = Bench::new();
+    bench.send(0, &FRAME);
+    bench.run(ms(20));
+    (1..=3).for_each(|port| drop(bench.received(port)));
+    [1, 3].iter().for_each(|port| bench.send(*port, &[ACK]));
+    for _ in 0..5 {
+        bench.run(ms(985));
+        assert_eq!(bench.received(2), [ENQ]);
+        bench.send(2, &[BEL]);
+        bench.run(ms(14));
+    }
+    assert_eq!((bench.received(1), bench.received(3)), (vec![], vec![]));
+    bench.send(2, &[ACK]);
+    assert_eq!(bench.replies(), [ACK, XON]);
+}
+
+#[test]
+fn a_slave_that_does_not_answer_reaches_the_pc_within_three_seconds() {
+    let mut bench = Bench::new();
+    bench.send(0, &FRAME);
+    bench.send(1, &[ACK]);
+    bench.send(2, &[ACK]);
+    bench.run(ms(1100));
+    assert_eq!(bench.received(0), [ACK, CAN, b'd', b'n', XON]);
+    assert_eq!(bench.received(3)[3..], [ENQ, ENQ, ENQ]);
+}
+
+#[test]
+fn after_a_failure_the_others_finish_before_the_pc_may_go_on() {
+    let mut bench = Bench::new();
+    bench.send(0, &[FRAME, AT_REST].concat());
+    bench.run(ms(20));
+    bench.send(3, &[CAN, b'e']);
+    assert_eq!(bench.replies(), [ACK, XOFF, CAN, b'd', b'e']);
+    bench.send(1, &[ACK]);
+    assert_eq!(bench.replies(), []);
+    bench.send(2, &[ACK]);
+    assert_eq!(bench.replies(), [XON]);
+    // The held frame has been dropped.
+    bench.run(ms(500));
+    assert_eq!(bench.received(0), []);
+}
+
+#[test]
+fn after_a_failure_no_later_frame_runs_by_surprise() {
+    let mut bench = Bench::new();
+    bench.send(0, &FRAME);
+    bench.run(ms(20));
+    bench.send(2, &[CAN, b's']);
+    bench.send(0, &FRAME);
+    [1, 3].iter().for_each(|port| bench.send(*port, &[ACK]));
+    bench.send(0, &[FRAME, FRAME].concat());
+    assert_eq!(bench.replies(), [ACK, CAN, b't', b's', NAK, b'f', XON]);
+    bench.run(ms(60));
+    bench.send(0, &FRAME);
+    bench.run(ms(10));
+    assert_eq!(bench.received(0), [ACK]);
+}
+
+#[test]
+fn a_frame_that_needs_a_lost_slave_is_refused_until_it_answers() {
+    let mut bench = Bench::new();
+    bench.send(0, &FRAME);
+    [1, 2].iter().for_each(|port| bench.send(*port, &[ACK]));
+    bench.run(ms(1200));
+    bench.received(0);
+    // Nothing for the depth axis to do: executed, and not waited for.
+    let mut without_depth = FRAME;
+    without_depth[6] = 0;
+    bench.send(0, &without_depth);
+    bench.run(ms(20));
+    [1, 2].iter().for_each(|port| bench.send(*port, &[ACK]));
+    assert_eq!(bench.replies(), [ACK, XON]);
+    bench.received(3);
+    bench.send(0, &FRAME);
+    assert_eq!(bench.replies(), [NAK, b'f']);
+    // Refused, but the slave has been asked; it answers.
+    assert_eq!(bench.received(3), [ENQ]);
+    bench.send(3, &[ACK]);
+    bench.send(0, &FRAME);
+    bench.run(ms(10));
+    assert_eq!(bench.received(0), [ACK]);
+}
+
+#[test]
+fn silence_lies_between_an_enquiry_and_the_next_part() {
+    let mut bench = Bench::new();
+    bench.send(0, &[FRAME, AT_REST].concat());
+    let distributed = bench.now;
+    [1, 3].iter().for_each(|port| bench.send(*port, &[ACK]));
+    // The transverse slave's ACK crosses the master's first enquiry.
+    bench.run_to(distributed + ms(1000) - CHARACTER.times(9));
+    bench.received(2);
+    bench.send(2, &[ACK]);
+    bench.run(ms(3));
+    let enquired = bench.received(2);
+    bench.run(ms(10));
+    if enquired == [ENQ] {
+        assert_eq!(bench.received(2), AT_REST[1..5]);
+    }
+    assert_eq!(bench.received(0), [ACK, XOFF, XON, ACK]);
+}
+
+#[test]
+fn a_reset_forgets_the_frame_but_takes_the_next() {
+    let mut bench = Bench::new();
+    bench.send(0, &[&FRAME[..], &FRAME[..3]].concat());
+    bench.cell.hear(&Heard::Stimulus { at: bench.now, stimulus: Stimulus::Reset });
+    bench.run(ms(2000));
+    bench.received(0);
+    bench.send(0, &FRAME);
+    bench.run(ms(10));
+    assert_eq!(bench.received(0), [ACK]);
+}
+
+fn anything() -> impl Strategy<Value = Vec<(usize, Vec<u8>, u64)>> {
+    let bytes = prop_oneof![
+        prop::collection::vec(any::<u8>(), 1..12),
+        Just(FRAME.to_vec()),
+        Just(vec![ACK]),
+        Just(vec![CAN, b's']),
+        Just(vec![BEL]),
+    ];
+    prop::collection::vec((0..4usize, bytes, 0..1_500u64), 0..40)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(200))]
+
+    #[test]
+    fn whatever_comes_a_valid_frame_after_a_gap_is_obeyed(anything in anything()) {
+        let mut bench = Bench::new();
+        for (port, bytes, gap) in anything {
+            bench.send(port, &bytes);
+            bench.run(ms(gap));
+        }
+        // Let whatever is executing come to its end, as slaves would.
+        for _ in 0..3 {
+            bench.run(ms(200));
+            bench.slaves_done();
+        }
+        bench.run(ms(200));
+        (0..4).for_each(|port| drop(bench.received(port)));
+        bench.send(0, &FRAME);
+        bench.run(ms(15));
+        prop_assert_eq!(bench.received(0), vec![ACK]);
+        let parts: Vec<Vec<u8>> = Slave::ALL.iter().map(|slave| bench.received(*slave as usize + 1)).collect();
+        prop_assert_eq!(parts, vec![FRAME[..1].to_vec(), FRAME[1..5].to_vec(), FRAME[5..].to_vec()]);
+    }
+}
