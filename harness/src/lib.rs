@@ -1,1 +1,19 @@
-//! The harness.
+//! Emulates small serial-bus CNC machines: launches the boards of a rig, drives their time, gives the PC its serial
+//! port, plays whole programs.
+//!
+//! [`rig`] is the running rig, [`engine`] decides how far each board may run, [`pace`] holds time back to the wall
+//! clock, [`play`] plays a program through, [`live`] keeps a rig up for somebody's own software at the [`port`].
+
+mod channel;
+pub mod engine;
+pub mod live;
+pub mod observe;
+pub mod pace;
+pub mod pc;
+pub mod play;
+pub mod port;
+mod readable;
+pub mod report;
+pub mod rig;
+pub mod seat;
+pub mod send;

@@ -131,8 +131,7 @@ impl Supervision {
 mod tests {
     use super::*;
 
-    const PATIENCE: Patience =
-        Patience { period: Span::from_secs(1), answer: Span::from_millis(20), enquiries: 3 };
+    const PATIENCE: Patience = Patience { period: Span::from_secs(1), answer: Span::from_millis(20), enquiries: 3 };
 
     fn ms(ms: u64) -> Instant {
         Instant::START + Span::from_millis(ms)

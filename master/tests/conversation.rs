@@ -63,7 +63,8 @@ impl Bench {
     fn received(&mut self, port: usize) -> Vec<u8> {
         let now = self.now;
         let receiver = &mut self.receivers[port];
-        let due = core::iter::from_fn(|| receiver.poll_timeout().filter(|at| *at < now).and_then(|at| receiver.take(at)));
+        let due =
+            core::iter::from_fn(|| receiver.poll_timeout().filter(|at| *at < now).and_then(|at| receiver.take(at)));
         due.map(|character: Character| character.ok().unwrap()).collect()
     }
 

@@ -35,6 +35,11 @@ pub trait Board: Clone {
     /// The next thing that the board does, at the instant of the last `handle_…` call.
     fn poll_output(&mut self) -> Option<Output>;
 
+    /// A receiver that takes the place of a port's present one: its speed has been changed.
+    fn poll_receiver(&mut self) -> Option<(u8, Receiver)> {
+        None
+    }
+
     /// The board's next deadline.
     fn poll_timeout(&self) -> Option<Deadline>;
 

@@ -18,6 +18,8 @@ const RUN_AHEAD: Span = Span::from_millis(1_100);
 /// How long a board is run on after its last output, in the hope of another: longer than a character, shorter than
 /// the time in which an answer is missed.
 const RUN_ON: Span = Span::from_millis(10);
+/// But never further than this from the first of its outputs, so that a long stream is not run ahead in vain.
+const RUN_ON_MAX: Span = Span::from_millis(25);
 /// A checkpoint is taken after so many things handled.
 const CHECKPOINT_EVERY: u32 = 24;
 
@@ -169,6 +171,11 @@ impl<B: Board> Cell<B> {
         while let Some(output) = self.board.poll_output() {
             emit(at, output);
         }
+        while let Some((port, receiver)) = self.board.poll_receiver() {
+            if let Some(present) = self.receivers.get_mut(usize::from(port)) {
+                present.replace_by(receiver, at);
+            }
+        }
     }
 
     fn note_mute(&mut self) {
@@ -280,6 +287,7 @@ impl<B: Board> Stepper<B> {
     fn run_ahead(&mut self, until: Instant, effect: Option<Instant>, batch: &mut Batch) {
         let cap = self.head.handled.max(until).max(effect.unwrap_or_default()) + RUN_AHEAD;
         let mut run_on = Instant::NEVER;
+        let mut run_on_max = Instant::NEVER;
         let mut since_checkpoint = 0;
         self.checkpoints.push(self.head.clone());
         loop {
@@ -301,7 +309,8 @@ impl<B: Board> Stepper<B> {
             since_checkpoint += 1;
             self.head.step(at, next, |at, output| {
                 if let Output::Character { end, .. } = &output {
-                    run_on = *end + RUN_ON;
+                    run_on_max = run_on_max.min(at + RUN_ON_MAX);
+                    run_on = run_on_max.min(*end + RUN_ON);
                 }
                 batch.outputs.push(Timed { at, output });
             });

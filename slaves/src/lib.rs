@@ -1,1 +1,25 @@
-//! The slaves.
+//! The lathe's three slave boards: plants, encoders, control laws, and the boards made of them, as pure state machines.
+//!
+//! Source: Peña & Martínez, "Sistema electrónico de control de un torno CNC didáctico" (2009). What the paper leaves
+//! open is marked "(Ours.)".
+//!
+//! A slave has two halves. The **machine** is a control law with an encoder and a plant: [`Spindle`] regulates the
+//! main motor's speed (§4, Eq. 1–7), [`Transverse`] the feed axis's position (§4, Eq. 8–15), [`Depth`] switches the
+//! infeed motor on and off (§4). The **link** is the same for all three: it puts sub-frames together and answers
+//! the master. A plant moves on only when something happens on its own board, in closed form over the time that has
+//! passed; so nobody can tell when somebody else looked.
+
+mod control;
+mod depth;
+mod encoder;
+mod link;
+mod plant;
+mod schedule;
+mod settings;
+mod slave;
+mod spindle;
+mod transverse;
+
+pub use depth::{Depth, DepthSettings};
+pub use spindle::{Spindle, SpindleSettings};
+pub use transverse::{Transverse, TransverseSettings};

@@ -81,6 +81,14 @@ impl Receiver {
         }
     }
 
+    /// Gives way to a receiver at another speed, which hears the same line from `now` on. A character that is being
+    /// received is lost.
+    pub fn replace_by(&mut self, other: Self, now: Instant) {
+        let line = core::mem::take(&mut self.line);
+        *self = Self { line, search_from: now, ..other };
+        self.follow_up();
+    }
+
     /// Whether characters are received by hardware while the firmware does not run.
     pub const fn is_buffered(&self) -> bool {
         self.buffered

@@ -48,6 +48,11 @@ impl Transmitter {
         Self { pacing, queue: VecDeque::new(), free_at: Instant::START }
     }
 
+    /// Changes the speed from the next character on.
+    pub fn retune(&mut self, baud: Rate, clock: Clock) {
+        self.pacing = Pacing::Hardware { bits: Ticks::new(Instant::START, baud, clock) };
+    }
+
     /// Queues a byte.
     pub fn push(&mut self, byte: u8) {
         self.queue.push_back(byte);

@@ -1,0 +1,142 @@
+//! The command line.
+
+mod board;
+mod run;
+mod send;
+mod up;
+
+use std::io::{self, IsTerminal, Write};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::Instant;
+
+use anyhow::Context;
+use clap::{Parser, Subcommand};
+use torno::live::LiveError;
+use torno::play::DEMONSTRATION;
+use torno::port::PortError;
+use torno::rig::file::{DEFAULT, RigFile, RigFileError};
+use torno::rig::{Driver, RigError};
+use torno::seat::SeatError;
+use torno::send::SendError;
+use torno_protocol::lathe::Program;
+
+/// A check failed: the program was not executed as it should have been.
+const FAILED: u8 = 1;
+/// The command was used wrongly, or its input is broken.
+const USAGE: u8 = 2;
+/// The rig itself broke.
+const BROKEN: u8 = 3;
+/// Ended by Ctrl-C, as shells count it.
+const INTERRUPTED: u8 = 130;
+
+/// Emulates small serial-bus CNC machines, so that people can work without the machine.
+#[derive(Debug, Parser)]
+#[command(name = "torno", version, arg_required_else_help = true)]
+#[command(
+    after_help = "Exit status: 0 as expected, 1 a check failed, 2 wrong usage or broken input, 3 the rig broke.\n\
+    RUST_LOG sets what is logged on standard error, e.g. RUST_LOG=info."
+)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Launches a rig and plays a whole program through it.
+    Run(run::Arguments),
+    /// Launches a rig and keeps it up, with a serial port for your own PC program.
+    Up(up::Arguments),
+    /// Is the PC on any serial port: sends a program, honours the hold, shows the replies.
+    Send(send::Arguments),
+    /// Is one board; this is what the launcher starts.
+    Board(board::Arguments),
+}
+
+/// Runs the command line.
+pub(crate) fn main(started: Instant) -> ExitCode {
+    let arguments = Arguments::parse();
+    let runtime = match tokio::runtime::Builder::new_current_thread().enable_all().build() {
+        Ok(runtime) => runtime,
+        Err(error) => return complain(&error.into()),
+    };
+    let result = runtime.block_on(async {
+        match arguments.command {
+            Command::Run(arguments) => arguments.run(started).await,
+            Command::Up(arguments) => arguments.run().await,
+            Command::Send(arguments) => arguments.run(started).await,
+            Command::Board(arguments) => arguments.run().await,
+        }
+    });
+    result.unwrap_or_else(|error| complain(&error))
+}
+
+fn complain(error: &anyhow::Error) -> ExitCode {
+    eprintln!("torno: {error:#}");
+    ExitCode::from(exit_code(error))
+}
+
+fn exit_code(error: &anyhow::Error) -> u8 {
+    let broken = error.downcast_ref::<RigError>().is_some() || error.downcast_ref::<LiveError>().is_some();
+    let failed = matches!(error.downcast_ref::<SendError>(), Some(SendError::Port { .. }));
+    let used_wrongly = error.downcast_ref::<PortError>().is_some()
+        || error.downcast_ref::<RigFileError>().is_some()
+        || error.downcast_ref::<SeatError>().is_some();
+    match () {
+        () if used_wrongly => USAGE,
+        () if broken => BROKEN,
+        () if failed => FAILED,
+        () => USAGE,
+    }
+}
+
+/// The boards' processes, or none.
+fn driver(in_process: bool) -> anyhow::Result<Driver> {
+    if in_process {
+        return Ok(Driver::InProcess);
+    }
+    Ok(Driver::Processes { exe: std::env::current_exe().context("cannot find this program, to start the boards")? })
+}
+
+/// A rig and a program, from two optional words: a word that ends in `.frames` is a program.
+fn rig_and_program(rig: Option<String>, program: Option<PathBuf>) -> (String, Option<PathBuf>) {
+    match (rig, program) {
+        (Some(word), None) if word.ends_with(".frames") => (DEFAULT.to_owned(), Some(PathBuf::from(word))),
+        (rig, program) => (rig.unwrap_or_else(|| DEFAULT.to_owned()), program),
+    }
+}
+
+/// The program in a file, or the demonstration; with its name.
+fn load_program(path: Option<&Path>) -> anyhow::Result<(String, Program)> {
+    let Some(path) = path else {
+        let (name, text) = DEMONSTRATION;
+        return Ok((name.to_owned(), Program::parse(text).context(name)?));
+    };
+    let name = path.display().to_string();
+    let bytes = std::fs::read(path).with_context(|| format!("cannot read the program '{name}'"))?;
+    let text = String::from_utf8(bytes).map_err(|error| {
+        let valid = error.utf8_error().valid_up_to();
+        let line = error.as_bytes()[..valid].iter().filter(|byte| **byte == b'\n').count() + 1;
+        anyhow::anyhow!("{name}: line {line}: expected text (UTF-8)")
+    })?;
+    let program = Program::parse(&text).with_context(|| name.clone())?;
+    Ok((name, program))
+}
+
+/// A result on standard output. That nobody reads it is no error.
+fn print(text: &str) -> anyhow::Result<()> {
+    match io::stdout().lock().write_all(text.as_bytes()).and_then(|()| io::stdout().flush()) {
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+        written => written.context("cannot write the result"),
+    }
+}
+
+/// Whether a person reads standard output.
+fn colour() -> bool {
+    io::stdout().is_terminal() && std::env::var_os("NO_COLOR").is_none()
+}
+
+fn load_rig(name: &str) -> Result<RigFile, RigFileError> {
+    RigFile::load(name)
+}

@@ -1,0 +1,107 @@
+//! `torno run`
+
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::Instant;
+
+use anyhow::Context;
+use tokio::signal::unix::{SignalKind, signal};
+use torno::observe::log;
+use torno::pace::Pace;
+use torno::play::{Finale, Play};
+use torno::report::{Bar, BoardSummary, Frames, Summary};
+use torno_protocol::lathe::Outcome;
+
+use super::{FAILED, INTERRUPTED, colour, driver, load_program, load_rig, print, rig_and_program};
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// A built-in rig or a rig file [default: lathe]
+    rig: Option<String>,
+    /// A program: a text file with eight hexadecimal bytes a line [default: a stepped shaft]
+    program: Option<PathBuf>,
+    /// Virtual seconds per second, or 'max'
+    #[arg(long, default_value = "max", value_name = "N|max")]
+    pace: Pace,
+    /// Where everything random comes from; a rig without faults has nothing random
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Runs the boards in this process instead of one each
+    #[arg(long)]
+    in_process: bool,
+    /// Writes every line of the rig as a one-bit signal, in nanoseconds
+    #[arg(long, value_name = "FILE")]
+    vcd: Option<PathBuf>,
+    /// Prints the summary as one line of JSON
+    #[arg(long)]
+    json: bool,
+}
+
+impl Arguments {
+    pub(super) async fn run(self, started: Instant) -> anyhow::Result<ExitCode> {
+        log::init("warn");
+        let (rig, program) = rig_and_program(self.rig, self.program);
+        let file = load_rig(&rig)?;
+        let (program_name, program) = load_program(program.as_deref())?;
+        // Before anything runs: a file that cannot be written must not cost a run.
+        let vcd = self.vcd.as_deref().map(create).transpose()?;
+        let frames = program.frames.len();
+        let rig = file.name.clone();
+        let waveforms = vcd.is_some();
+        let driver = driver(self.in_process)?;
+        let play = Play { file, program, driver, pace: self.pace, breakages: Vec::new(), waveforms };
+
+        let mut interrupt = signal(SignalKind::interrupt())?;
+        let mut terminate = signal(SignalKind::terminate())?;
+        let bar = Bar::new(frames, started);
+        let run = play.run(|progress| bar.update(progress.conversation.accepted, Some(progress.now)));
+        let finale = tokio::select! {
+            finale = run => finale?,
+            _ = interrupt.recv() => return Ok(ExitCode::from(INTERRUPTED)),
+            _ = terminate.recv() => return Ok(ExitCode::from(INTERRUPTED)),
+        };
+        bar.clear();
+        if let (Some((path, file)), Some(waveforms)) = (vcd, &finale.waveforms) {
+            waveforms.write(file, finale.end).with_context(|| format!("cannot write '{}'", path.display()))?;
+        }
+        let completed = finale.outcome == Outcome::Completed;
+        let summary = summary(finale, rig, program_name, frames, self.seed, started);
+        let text = if self.json { serde_json::to_string(&summary)? + "\n" } else { summary.text(colour()) };
+        print(&text)?;
+        Ok(if completed { ExitCode::SUCCESS } else { ExitCode::from(FAILED) })
+    }
+}
+
+fn create(path: &Path) -> anyhow::Result<(&Path, BufWriter<File>)> {
+    let file = File::create(path).with_context(|| format!("cannot write '{}'", path.display()))?;
+    Ok((path, BufWriter::new(file)))
+}
+
+fn summary(finale: Finale, rig: String, program: String, frames: usize, seed: u64, started: Instant) -> Summary {
+    let wall_s = started.elapsed().as_secs_f64();
+    let virtual_s = finale.end.as_secs_f64();
+    let failure = |(slave, fault): &(torno_protocol::lathe::Slave, _)| format!("{} failed: {fault}", slave.name());
+    Summary {
+        rig: Some(rig),
+        port: None,
+        program,
+        outcome: finale.outcome.name(),
+        frames: Frames::new(&finale.conversation, frames),
+        failures: finale.conversation.failures.iter().map(failure).collect(),
+        virtual_s: Some(virtual_s),
+        wall_s,
+        speedup: Some(virtual_s / wall_s),
+        seed: Some(seed),
+        digest: Some(finale.digest.to_string()),
+        pid: std::process::id(),
+        incidents: finale.incidents.iter().map(|incident| format!("{}: {incident}", incident.at)).collect(),
+        order: finale.boards.iter().map(|board| board.name.clone()).collect(),
+        boards: finale
+            .boards
+            .into_iter()
+            .map(|board| (board.name, BoardSummary { pid: board.pid, telemetry: board.telemetry }))
+            .collect(),
+    }
+}

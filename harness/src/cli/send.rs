@@ -1,0 +1,88 @@
+//! `torno send`
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+use tokio::signal::unix::{SignalKind, signal};
+use torno::observe::log;
+use torno::report::{Bar, Frames, Summary};
+use torno::send::Send;
+use torno_protocol::lathe::{BAUD, Outcome};
+
+use super::{FAILED, INTERRUPTED, colour, load_program, print};
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// The program: a text file with eight hexadecimal bytes a line
+    program: PathBuf,
+    /// The serial port: the link that 'torno up' prints, or a real machine's
+    #[arg(long)]
+    port: String,
+    /// The port's speed in baud
+    #[arg(long, default_value_t = BAUD, value_parser = clap::value_parser!(u32).range(50..=4_000_000))]
+    baud: u32,
+    /// How long a frame may go without any answer, in seconds
+    #[arg(long, default_value_t = 5.0, value_name = "SECONDS", value_parser = seconds)]
+    timeout: f64,
+    /// Prints the summary as one line of JSON
+    #[arg(long)]
+    json: bool,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let seconds = text.parse().ok().filter(|seconds| (0.01..=86_400.0).contains(seconds));
+    seconds.ok_or_else(|| "expected seconds, 0.01 to 86400".to_owned())
+}
+
+impl Arguments {
+    pub(super) async fn run(self, started: Instant) -> anyhow::Result<ExitCode> {
+        log::init("warn");
+        let (program_name, program) = load_program(Some(&self.program))?;
+        let frames = program.frames.len();
+        let patience = Duration::from_secs_f64(self.timeout);
+        let send = Send { program, port: self.port.clone(), baud: self.baud, patience };
+        let mut interrupt = signal(SignalKind::interrupt())?;
+        let mut terminate = signal(SignalKind::terminate())?;
+        let bar = Bar::new(frames, started);
+        let run = send.run(|conversation, reply| {
+            let line = format!("{:9.3} s  {reply}", started.elapsed().as_secs_f64());
+            if self.json {
+                tracing::info!("{reply}");
+            } else if bar.is_shown() {
+                bar.print(&line);
+            } else {
+                // The replies are part of the result.
+                print(&format!("{line}\n")).ok();
+            }
+            bar.update(conversation.accepted, None);
+        });
+        let (conversation, outcome) = tokio::select! {
+            ended = run => ended?,
+            _ = interrupt.recv() => return Ok(ExitCode::from(INTERRUPTED)),
+            _ = terminate.recv() => return Ok(ExitCode::from(INTERRUPTED)),
+        };
+        bar.clear();
+        let summary = Summary {
+            rig: None,
+            port: Some(self.port),
+            program: program_name,
+            outcome: outcome.name(),
+            frames: Frames::new(&conversation, frames),
+            failures: conversation.failures.iter().map(|(s, fault)| format!("{} failed: {fault}", s.name())).collect(),
+            virtual_s: None,
+            wall_s: started.elapsed().as_secs_f64(),
+            speedup: None,
+            seed: None,
+            digest: None,
+            pid: std::process::id(),
+            incidents: Vec::new(),
+            boards: BTreeMap::new(),
+            order: Vec::new(),
+        };
+        let text = if self.json { serde_json::to_string(&summary)? + "\n" } else { summary.text(colour()) };
+        print(&text)?;
+        Ok(if outcome == Outcome::Completed { ExitCode::SUCCESS } else { ExitCode::from(FAILED) })
+    }
+}

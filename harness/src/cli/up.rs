@@ -1,0 +1,108 @@
+//! `torno up`
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use serde::Serialize;
+use tokio::signal::unix::{SignalKind, signal};
+use torno::live::Live;
+use torno::observe::log;
+use torno::pace::Pace;
+use torno::port::{LinkPath, PcPort};
+use torno::rig::file::{DEFAULT, RigFile};
+
+use super::{driver, load_rig, print};
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// A built-in rig or a rig file [default: lathe]
+    rig: Option<String>,
+    /// Where to put the symbolic link to the PC port [default: $XDG_RUNTIME_DIR/torno/RIG-pc, or
+    /// /tmp/torno-UID/RIG-pc]
+    #[arg(long, value_name = "PATH")]
+    link: Option<PathBuf>,
+    /// Virtual seconds per second, or 'max': as fast as the rig has something to do
+    #[arg(long, default_value = "1", value_name = "N|max")]
+    pace: Pace,
+    /// Runs the boards in this process instead of one each
+    #[arg(long)]
+    in_process: bool,
+    /// Prints where everything is as one line of JSON, when the rig is ready
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct Ready<'a> {
+    rig: &'a str,
+    pace: String,
+    ports: BTreeMap<&'static str, Port>,
+    pid: u32,
+    boards: BTreeMap<&'a str, Board>,
+}
+
+#[derive(Serialize)]
+struct Port {
+    path: PathBuf,
+    device: PathBuf,
+    baud: u32,
+}
+
+#[derive(Serialize)]
+struct Board {
+    pid: u32,
+}
+
+impl Arguments {
+    pub(super) async fn run(self) -> anyhow::Result<ExitCode> {
+        log::init("info");
+        let file = load_rig(self.rig.as_deref().unwrap_or(DEFAULT))?;
+        // Before anything is announced, so that whoever reads the announcement may end the rig.
+        let mut interrupt = signal(SignalKind::interrupt())?;
+        let mut terminate = signal(SignalKind::terminate())?;
+        let mut hang_up = signal(SignalKind::hangup())?;
+        let link = match self.link {
+            Some(path) => LinkPath::Chosen(path),
+            None => LinkPath::Default { rig: file.name.clone() },
+        };
+        let port = PcPort::open(link, file.pc.baud)?;
+        let mut live = Live::start(&file, &driver(self.in_process)?, self.pace, port).await?;
+        print(&announcement(&file, &live, self.pace, self.json)?)?;
+        tokio::select! {
+            ended = live.run() => match ended? {},
+            _ = interrupt.recv() => {}
+            _ = terminate.recv() => {}
+            _ = hang_up.recv() => {}
+        }
+        Ok(ExitCode::SUCCESS)
+    }
+}
+
+fn announcement(file: &RigFile, live: &Live, pace: Pace, json: bool) -> anyhow::Result<String> {
+    let boards = live.rig().nodes().iter().filter(|node| node.name != "pc");
+    let boards = boards.map(|node| (node.name.as_str(), node.pid.unwrap_or_else(std::process::id)));
+    let (link, baud) = (live.port().link(), file.pc.baud);
+    if json {
+        let port = Port { path: link.to_owned(), device: live.port().path().to_owned(), baud };
+        let ready = Ready {
+            rig: &file.name,
+            pace: pace.to_string(),
+            ports: BTreeMap::from([("pc", port)]),
+            pid: std::process::id(),
+            boards: boards.map(|(name, pid)| (name, Board { pid })).collect(),
+        };
+        return Ok(serde_json::to_string(&ready)? + "\n");
+    }
+    let boards: Vec<String> = boards.map(|(name, pid)| format!("{name} {pid}")).collect();
+    let link = link.display();
+    Ok(format!(
+        "{} is up at pace {pace}: {}\n\
+         PC port   {link}  ({baud} baud, 8N1)\n\
+         attach    picocom -b {baud} {link}\n\
+         or        torno send PROGRAM --port {link}\n\
+         Ctrl-C ends it.\n",
+        file.name,
+        boards.join(", "),
+    ))
+}

@@ -1,0 +1,393 @@
+//! The time engine: decides how far each board may run, and turns what boards tell into facts.
+//!
+//! The engine is the hub of the rig: every line runs through it. It is conservative between boards: nothing that it
+//! has made a fact is ever taken back. Boards run ahead on their own and say what they will do if nothing reaches them
+//! (see [`torno_protocol::stepping`]); the engine makes a fact of what no unheard edge can change any more.
+//!
+//! For a board *a* and its port *p*:
+//! - `E(a, p)`, the earliest instant at which a new edge can appear on the port: the first one that the board has told,
+//!   or the end of what it has told, or the first instant at which something unheard can matter to it, whichever is
+//!   least; but not before the end of the character that is on the line.
+//! - `EIT(b)`, the earliest instant at which something unheard can matter to board *b*: the least, over the lines that
+//!   end at it, of what its receiver makes of an edge at `E` ([`Ear::effect`]): about 9.5 bit times later.
+//!
+//! The two are iterated from infinity; every line adds a lookahead above zero, so there is always progress. Bounds are
+//! exclusive.
+
+mod node;
+
+use torno_protocol::board::{Output, Stimulus};
+use torno_protocol::line::Edge;
+use torno_protocol::record::{Batch, Heard, Timed, Turn};
+use torno_protocol::time::{Instant, Span};
+use torno_protocol::uart::Ear;
+
+use node::{Life, Node};
+
+/// Boards that are needed within this span of one another are woken together.
+const TOGETHER: Span = Span::from_micros(900);
+
+/// A board's place in the rig.
+pub type NodeId = usize;
+/// A line's place in the rig.
+pub type LineId = usize;
+
+/// One end of a line: a board and the number of its port.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct End {
+    /// The board.
+    pub node: NodeId,
+    /// The port's number on that board.
+    pub port: u8,
+}
+
+/// Something that has happened and will stay so.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Fact {
+    /// A line carries these edges.
+    Edges {
+        /// The line.
+        line: LineId,
+        /// Its edges, in order.
+        edges: Vec<Edge>,
+    },
+    /// A line has gone idle; its edges from then on are withdrawn.
+    Cut {
+        /// The line.
+        line: LineId,
+        /// When.
+        at: Instant,
+    },
+    /// A quantity of a board has changed.
+    Telemetry {
+        /// The board.
+        node: NodeId,
+        /// When.
+        at: Instant,
+        /// The signal's number.
+        signal: u8,
+        /// Its new value.
+        value: i64,
+    },
+    /// Something happened on a board.
+    Event {
+        /// The board.
+        node: NodeId,
+        /// When.
+        at: Instant,
+        /// The event's number.
+        event: u8,
+        /// Its value.
+        value: i64,
+    },
+}
+
+/// A board told something that it had promised not to do: a defect in the board.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("board number {node} told of something at {at}, but everything before {commit} had been settled")]
+pub struct LateOutput {
+    node: NodeId,
+    at: Instant,
+    commit: Instant,
+}
+
+/// How far time may go.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limit {
+    /// Nothing at or after this instant is settled.
+    pub until: Instant,
+    /// No board concludes anything from the silence of the world outside at or after this instant.
+    pub silence: Instant,
+}
+
+impl Limit {
+    /// As far as there is something to do.
+    pub const NONE: Self = Self { until: Instant::NEVER, silence: Instant::NEVER };
+
+    /// Up to `until`.
+    pub const fn until(until: Instant) -> Self {
+        Self { until, silence: Instant::NEVER }
+    }
+}
+
+/// What the engine has done, for those who want to know what limits a rig.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Statistics {
+    /// Turns given to boards.
+    pub turns: u64,
+}
+
+#[derive(Debug)]
+struct Line {
+    to: End,
+    /// From this instant on nothing gets through.
+    cut: Instant,
+}
+
+/// The time engine of one rig.
+#[derive(Debug, Default)]
+pub struct Engine {
+    nodes: Vec<Node>,
+    lines: Vec<Line>,
+    facts: Vec<Fact>,
+    statistics: Statistics,
+}
+
+impl Engine {
+    /// An engine without boards.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Adds a board with so many ports.
+    pub fn add_node(&mut self, ports: usize) -> NodeId {
+        self.nodes.push(Node::new(ports));
+        self.nodes.len() - 1
+    }
+
+    /// Adds a line from one board's port to another's. A port sends to one line at the most.
+    pub fn add_line(&mut self, from: End, to: End) -> LineId {
+        let line = self.lines.len();
+        self.lines.push(Line { to, cut: Instant::NEVER });
+        self.nodes[from.node].sends_to[usize::from(from.port)] = Some(line);
+        self.nodes[to.node].hears.push((usize::from(to.port), from));
+        line
+    }
+
+    /// Cuts a line: from `at` on nothing gets through, and its receiver reads idle. Takes effect at the
+    /// [frontier](Self::frontier) at the earliest.
+    pub fn cut_line(&mut self, line: LineId, at: Instant) {
+        let at = at.max(self.frontier());
+        self.lines[line].cut = at;
+        let to = self.lines[line].to;
+        self.hear(to.node, Heard::Cut { port: to.port, at });
+        self.facts.push(Fact::Cut { line, at });
+    }
+
+    /// Gives a board a stimulus, at `at` or the [frontier](Self::frontier), whichever is later; says when.
+    pub fn stimulate(&mut self, node: NodeId, at: Instant, stimulus: Stimulus) -> Instant {
+        let at = at.max(self.frontier());
+        self.hear(node, Heard::Stimulus { at, stimulus });
+        at
+    }
+
+    /// The least instant that nothing settled depends on: what comes from outside can be dated from here on.
+    pub fn frontier(&self) -> Instant {
+        self.nodes.iter().map(|node| node.commit).max().unwrap_or_default()
+    }
+
+    /// What has been settled since the last call, each line's and each board's facts in order.
+    pub fn take_facts(&mut self) -> Vec<Fact> {
+        core::mem::take(&mut self.facts)
+    }
+
+    /// What the engine has done.
+    pub const fn statistics(&self) -> Statistics {
+        self.statistics
+    }
+
+    /// Settles everything within `limit` that can be settled, and says which boards must take a turn for more.
+    /// Each must be answered by [`Engine::answer`].
+    pub fn poll(&mut self, limit: Limit) -> Vec<(NodeId, Turn)> {
+        loop {
+            self.bound();
+            let mut sent = false;
+            for id in 0..self.nodes.len() {
+                sent |= self.settle(id, self.nodes[id].safe_until().min(self.nodes[id].allowed(limit)));
+            }
+            if !sent {
+                break;
+            }
+        }
+        self.wake(limit)
+    }
+
+    /// Takes a board's answer to its turn.
+    ///
+    /// # Errors
+    /// [`LateOutput`] if the board tells of something that came too late.
+    pub fn answer(&mut self, node: NodeId, batch: Batch) -> Result<(), LateOutput> {
+        let commit = self.nodes[node].commit;
+        // Telemetry of a mute board comes when the board is woken, however late that is.
+        let on_port = |told: &&Timed| matches!(told.output, Output::Character { .. } | Output::Cut { .. });
+        match batch.outputs.iter().find(on_port) {
+            Some(Timed { at, .. }) if *at < commit => Err(LateOutput { node, at: *at, commit }),
+            _ => {
+                self.nodes[node].answer(batch);
+                Ok(())
+            }
+        }
+    }
+
+    /// Turns that bring every board to `until`, mute or not. For the start, and for when the rig is
+    /// [quiet](Self::is_quiet).
+    pub fn catch_up(&mut self, until: Instant) -> Vec<(NodeId, Turn)> {
+        let nodes = self.nodes.iter_mut().enumerate();
+        let behind = nodes.filter(|(_, node)| node.life == Life::Runs && !node.awaited && node.horizon < until);
+        let turns: Vec<_> = behind.map(|(id, node)| (id, node.turn(until))).collect();
+        self.statistics.turns += turns.len() as u64;
+        turns
+    }
+
+    /// Whether boards are yet to answer.
+    pub fn is_waiting(&self) -> bool {
+        self.nodes.iter().any(|node| node.awaited && node.life == Life::Runs)
+    }
+
+    /// Whether this board is yet to answer.
+    pub fn awaits(&self, node: NodeId) -> bool {
+        self.nodes[node].awaited
+    }
+
+    /// Whether nothing will ever happen on any line again unless something comes from outside.
+    pub fn is_quiet(&self) -> bool {
+        self.nodes.iter().all(Node::is_quiet)
+    }
+
+    /// When the rig fell [quiet](Self::is_quiet): the last instant at which a board became mute.
+    pub fn quiet_since(&self) -> Instant {
+        let since = self.nodes.iter().filter(|node| node.life == Life::Runs).filter_map(|node| node.mute_since);
+        since.max().unwrap_or_default()
+    }
+
+    /// Whether some board does nothing but wait for the world outside to stay silent.
+    pub fn waits_for_silence(&self) -> bool {
+        self.nodes.iter().any(Node::waits_for_silence)
+    }
+
+    /// The earliest instant that [`Engine::poll`] must be allowed to pass for something to happen on a line or an
+    /// event to be told.
+    pub fn next_instant(&self) -> Instant {
+        let running = self.nodes.iter().filter(|node| node.life == Life::Runs && !node.awaited);
+        running.map(|node| node.next_instant()).min().unwrap_or(Instant::NEVER)
+    }
+
+    /// The board's process has stopped: it hangs from the end of what it has told. Says from when.
+    pub fn stop(&mut self, node: NodeId) -> Instant {
+        let at = self.silence(node, Life::Stopped);
+        self.hear(node, Heard::Stimulus { at, stimulus: Stimulus::Hang(true) });
+        at
+    }
+
+    /// The board's process goes on; the board hangs no longer. Says from when.
+    pub fn resume(&mut self, node: NodeId) -> Instant {
+        let at = self.frontier();
+        if self.nodes[node].life == Life::Stopped {
+            self.nodes[node].life = Life::Runs;
+            self.hear(node, Heard::Stimulus { at, stimulus: Stimulus::Hang(false) });
+        }
+        at
+    }
+
+    /// The board is gone; nothing comes from it any more. Says from when.
+    pub fn kill(&mut self, node: NodeId) -> Instant {
+        self.silence(node, Life::Gone)
+    }
+
+    /// Settles what the board has told and nothing unheard can change; the rest will not come.
+    fn silence(&mut self, node: NodeId, life: Life) -> Instant {
+        self.bound();
+        let at = self.nodes[node].safe_until().min(self.frontier());
+        self.settle(node, at);
+        self.nodes[node].stop(at, life);
+        at
+    }
+
+    fn hear(&mut self, node: NodeId, heard: Heard) {
+        self.nodes[node].hear(heard);
+    }
+
+    /// Computes every board's `EIT`.
+    fn bound(&mut self) {
+        for node in &mut self.nodes {
+            node.eit = Instant::NEVER;
+        }
+        let mut changed = true;
+        while changed {
+            changed = false;
+            for id in 0..self.nodes.len() {
+                let eit = self.nodes[id].hears.iter().map(|(port, from)| {
+                    let edge = self.nodes[from.node].earliest_edge(usize::from(from.port));
+                    self.nodes[id].ears.get(*port).map_or(edge, |ear: &Ear| ear.effect(edge))
+                });
+                let eit = eit.min().unwrap_or(Instant::NEVER);
+                if eit < self.nodes[id].eit {
+                    self.nodes[id].eit = eit;
+                    changed = true;
+                }
+            }
+        }
+    }
+
+    /// Settles what a board has told before `until`. Says whether anything went out on a line.
+    fn settle(&mut self, id: NodeId, until: Instant) -> bool {
+        let mut sent = false;
+        while self.nodes[id].ahead.front().is_some_and(|told| told.at < until) {
+            let Some(Timed { at, output }) = self.nodes[id].ahead.pop_front() else { break };
+            match output {
+                Output::Character { port, edges, end } => {
+                    sent = true;
+                    self.nodes[id].line_busy_until[usize::from(port)] = end;
+                    self.carry(id, port, edges);
+                }
+                Output::Cut { port } => {
+                    sent = true;
+                    self.nodes[id].line_busy_until[usize::from(port)] = at;
+                    self.carry_cut(id, port, at);
+                }
+                Output::Telemetry { signal, value } => self.facts.push(Fact::Telemetry { node: id, at, signal, value }),
+                Output::Event { event, value } => self.facts.push(Fact::Event { node: id, at, event, value }),
+            }
+        }
+        let node = &mut self.nodes[id];
+        if until > node.commit && !until.is_never() {
+            node.commit = until;
+        }
+        sent
+    }
+
+    fn carry(&mut self, from: NodeId, port: u8, mut edges: Vec<Edge>) {
+        let Some(line) = self.nodes[from].sends_to[usize::from(port)] else { return };
+        let Line { to, cut } = self.lines[line];
+        edges.retain(|edge| edge.at < cut);
+        if edges.is_empty() {
+            return;
+        }
+        self.facts.push(Fact::Edges { line, edges: edges.clone() });
+        self.hear(to.node, Heard::Edges { port: to.port, edges });
+        if !cut.is_never() {
+            // The edges after the cut are missing: the line would stay where it was, had it not gone idle.
+            self.hear(to.node, Heard::Cut { port: to.port, at: cut });
+        }
+    }
+
+    fn carry_cut(&mut self, from: NodeId, port: u8, at: Instant) {
+        let Some(line) = self.nodes[from].sends_to[usize::from(port)] else { return };
+        let Line { to, cut } = self.lines[line];
+        if at < cut {
+            self.facts.push(Fact::Cut { line, at });
+            self.hear(to.node, Heard::Cut { port: to.port, at });
+        }
+    }
+
+    /// Gives turns to the boards without which nothing moves, and to those only: the longer a board is left alone, the
+    /// more it hears at once.
+    fn wake(&mut self, limit: Limit) -> Vec<(NodeId, Turn)> {
+        if self.is_waiting() {
+            return Vec::new();
+        }
+        let needs: Vec<Instant> = self.nodes.iter().map(|node| node.needed_at(limit)).collect();
+        let first = needs.iter().min().copied().unwrap_or(Instant::NEVER);
+        if first.is_never() {
+            return Vec::new();
+        }
+        let now = first + TOGETHER;
+        let needed = (0..self.nodes.len()).filter(|id| needs[*id] <= now);
+        let turns: Vec<_> = needed.map(|id| (id, self.nodes[id].turn(Instant::START))).collect();
+        self.statistics.turns += turns.len() as u64;
+        turns
+    }
+}
+
+#[cfg(test)]
+mod tests;

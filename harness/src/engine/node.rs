@@ -1,0 +1,211 @@
+//! What the engine knows of one board.
+
+use std::collections::VecDeque;
+
+use torno_protocol::board::{Output, Stimulus};
+use torno_protocol::record::{Batch, Heard, Timed, Turn};
+use torno_protocol::time::Instant;
+use torno_protocol::uart::Ear;
+
+use super::{End, Limit, LineId};
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Life {
+    Runs,
+    /// Its process has been stopped; it may go on.
+    Stopped,
+    Gone,
+}
+
+#[derive(Debug)]
+pub(super) struct Node {
+    pub(super) life: Life,
+    pub(super) sends_to: Vec<Option<LineId>>,
+    /// Which port hears which board's port.
+    pub(super) hears: Vec<(usize, End)>,
+    /// Everything before this instant is settled.
+    pub(super) commit: Instant,
+    /// What it has told beyond that, in order.
+    pub(super) ahead: VecDeque<Timed>,
+    /// It has told everything before this instant.
+    pub(super) horizon: Instant,
+    pub(super) mute_since: Option<Instant>,
+    silent_from: Option<Instant>,
+    pub(super) ears: Vec<Ear>,
+    /// The end of the last settled character on each port.
+    pub(super) line_busy_until: Vec<Instant>,
+    /// What it has not been told yet.
+    heard: Vec<Heard>,
+    /// The first instant at which `heard` matters.
+    pub(super) effect: Instant,
+    /// A reset that it has not answered yet: the one thing that cuts a character short.
+    reset: Instant,
+    /// It has been given a turn and has not answered.
+    pub(super) awaited: bool,
+    /// The first instant at which something unheard can matter to it.
+    pub(super) eit: Instant,
+}
+
+impl Node {
+    pub(super) fn new(ports: usize) -> Self {
+        Self {
+            life: Life::Runs,
+            sends_to: vec![None; ports],
+            hears: Vec::new(),
+            commit: Instant::START,
+            ahead: VecDeque::new(),
+            horizon: Instant::START,
+            mute_since: None,
+            silent_from: None,
+            ears: Vec::new(),
+            line_busy_until: vec![Instant::START; ports],
+            heard: Vec::new(),
+            effect: Instant::NEVER,
+            reset: Instant::NEVER,
+            awaited: false,
+            eit: Instant::NEVER,
+        }
+    }
+
+    /// The end of what is known of the board if nothing reaches it.
+    pub(super) fn told_until(&self) -> Instant {
+        if self.mute_since.is_some() { Instant::NEVER } else { self.horizon }
+    }
+
+    /// Up to here nothing can change what the board has told.
+    pub(super) fn safe_until(&self) -> Instant {
+        self.told_until().min(self.eit).min(self.effect)
+    }
+
+    /// `E`: the earliest instant at which a new edge can appear on a port.
+    pub(super) fn earliest_edge(&self, port: usize) -> Instant {
+        let told = self.ahead.iter().find_map(|told| match &told.output {
+            Output::Character { port: p, edges, .. } if usize::from(*p) == port => edges.first().map(|edge| edge.at),
+            Output::Cut { port: p } if usize::from(*p) == port => Some(told.at),
+            _ => None,
+        });
+        let told = told.unwrap_or(Instant::NEVER).min(self.told_until());
+        if self.life != Life::Runs {
+            return told;
+        }
+        let earliest = told.min(self.eit).min(self.effect);
+        earliest.max(self.line_busy_until.get(port).copied().unwrap_or_default()).min(self.reset)
+    }
+
+    /// How far the board's doings may be settled.
+    pub(super) fn allowed(&self, limit: Limit) -> Instant {
+        match self.silent_from {
+            Some(from) => limit.until.min(limit.silence.max(from.next())),
+            None => limit.until,
+        }
+    }
+
+    /// The instant for which the board must take a turn before anything at or after it can be settled; never, if it
+    /// need not.
+    pub(super) fn needed_at(&self, limit: Limit) -> Instant {
+        let bound = self.eit.min(self.allowed(limit));
+        let need = self.effect.min(self.told_until());
+        if self.life == Life::Runs && !self.awaited && need < bound { need } else { Instant::NEVER }
+    }
+
+    /// The earliest instant at which something other than telemetry happens.
+    pub(super) fn next_instant(&self) -> Instant {
+        let told = self.ahead.iter().find(|told| !matches!(told.output, Output::Telemetry { .. }));
+        told.map_or(Instant::NEVER, |told| told.at).min(self.effect).min(self.told_until())
+    }
+
+    pub(super) fn is_quiet(&self) -> bool {
+        match self.life {
+            Life::Runs => {
+                let told = |told: &Timed| !matches!(told.output, Output::Telemetry { .. });
+                !self.awaited && self.mute_since.is_some() && self.effect.is_never() && !self.ahead.iter().any(told)
+            }
+            Life::Stopped | Life::Gone => true,
+        }
+    }
+
+    pub(super) fn waits_for_silence(&self) -> bool {
+        self.life == Life::Runs && !self.awaited && self.silent_from.is_some_and(|from| from < self.commit)
+    }
+
+    pub(super) fn hear(&mut self, heard: Heard) {
+        if self.life == Life::Gone {
+            return;
+        }
+        if let Heard::Stimulus { at, stimulus: Stimulus::Reset } = heard {
+            self.reset = self.reset.min(at);
+        }
+        self.heard.push(heard);
+        self.note_effect();
+    }
+
+    /// Starts a turn: from here on, what was told for the instants that the board is about to hear of no longer holds.
+    pub(super) fn turn(&mut self, until: Instant) -> Turn {
+        self.awaited = true;
+        while self.ahead.back().is_some_and(|told| told.at >= self.effect) {
+            self.ahead.pop_back();
+        }
+        self.horizon = self.horizon.min(self.effect);
+        if !self.effect.is_never() {
+            self.mute_since = None;
+        }
+        let turn =
+            Turn { commit: self.commit, until: until.max(self.extension()), heard: core::mem::take(&mut self.heard) };
+        self.effect = Instant::NEVER;
+        turn
+    }
+
+    /// A board that is woken without hearing anything must run past its horizon.
+    fn extension(&self) -> Instant {
+        if self.heard.is_empty() && self.mute_since.is_none() { self.horizon.next() } else { Instant::START }
+    }
+
+    pub(super) fn answer(&mut self, batch: Batch) {
+        while self.ahead.back().is_some_and(|told| told.at >= batch.from) {
+            self.ahead.pop_back();
+        }
+        self.awaited = false;
+        self.reset = Instant::NEVER;
+        if self.life != Life::Runs {
+            // An answer from before it was stopped: what could still be used of it has been settled.
+            self.note_effect();
+            return;
+        }
+        self.ahead.extend(batch.outputs);
+        self.horizon = batch.horizon;
+        self.mute_since = batch.mute_since;
+        self.silent_from = batch.silent_from;
+        self.ears = batch.ears;
+        self.note_effect();
+    }
+
+    /// Nothing it has told of `at` and later will come.
+    pub(super) fn stop(&mut self, at: Instant, life: Life) {
+        self.life = life;
+        self.ahead.clear();
+        self.horizon = self.horizon.min(at);
+        self.mute_since = Some(at);
+        if life == Life::Gone {
+            self.heard.clear();
+            self.awaited = false;
+            self.effect = Instant::NEVER;
+        }
+    }
+
+    fn note_effect(&mut self) {
+        // Of several things on one port the first matters first, so the least over all is right.
+        let ear = |port: u8, at: Instant| self.ears.get(usize::from(port)).map_or(at, |ear| ear.effect(at));
+        let effects = self.heard.iter().map(|heard| match heard {
+            Heard::Edges { port, edges } => edges.first().map_or(Instant::NEVER, |edge| ear(*port, edge.at)),
+            Heard::Cut { port, at } => ear(*port, *at),
+            Heard::Stimulus { at, .. } => *at,
+        });
+        self.effect = effects.min().unwrap_or(Instant::NEVER);
+        if let Some(reset) = self.heard.iter().find_map(|heard| match heard {
+            Heard::Stimulus { at, stimulus: Stimulus::Reset } => Some(*at),
+            _ => None,
+        }) {
+            self.reset = reset;
+        }
+    }
+}

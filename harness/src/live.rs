@@ -1,0 +1,175 @@
+//! Keeps a rig up, with a PC port that anybody's software may open.
+
+use std::io;
+
+use torno_protocol::board::Stimulus;
+use torno_protocol::time::{Instant, Span};
+
+use crate::engine::{Fact, Limit};
+use crate::observe::log;
+use crate::pace::{Brake, Pace};
+use crate::pc::{PcEvent, PcUart};
+use crate::port::{LineSettings, PcPort, PortEvent};
+use crate::rig::file::RigFile;
+use crate::rig::{Driver, Rig, RigError};
+
+/// So many of the client's bytes wait in the driver at the most. Its settings are read with each helping, so a new speed
+/// holds at most this many characters late.
+const DRIVER_QUEUE: usize = 16;
+/// The driver takes a new helping when no more than this is left.
+const DRIVER_LOW: usize = 4;
+/// Boards that nothing reaches are brought up to date this often, so that none has long to catch up when something does.
+const KEEP_UP: Span = Span::from_secs(10);
+
+/// A rig with an open PC port.
+pub struct Live {
+    rig: Rig,
+    port: PcPort,
+    brake: Brake,
+    settings: LineSettings,
+    /// Bytes that the client has written and that are not yet on the line.
+    queued: usize,
+    kept_up: Instant,
+}
+
+/// Why a live rig ended.
+#[derive(Debug, thiserror::Error)]
+pub enum LiveError {
+    /// The rig itself broke.
+    #[error(transparent)]
+    Rig(#[from] RigError),
+    /// The PC port, or the timer.
+    #[error("the PC port failed: {0}")]
+    Port(#[from] io::Error),
+}
+
+impl Live {
+    /// Starts the rig behind `port`.
+    ///
+    /// # Errors
+    /// [`LiveError`] if a board cannot be started.
+    pub async fn start(file: &RigFile, driver: &Driver, pace: Pace, port: PcPort) -> Result<Self, LiveError> {
+        let uart = PcUart::new(file.pc.baud, file.pc.tx_fifo, file.pc.clock);
+        let rig = Rig::start(file, driver, uart).await?;
+        let settings = LineSettings { baud: file.pc.baud, ixon: false };
+        Ok(Self { rig, port, brake: Brake::new(pace)?, settings, queued: 0, kept_up: Instant::START })
+    }
+
+    /// The rig.
+    pub const fn rig(&self) -> &Rig {
+        &self.rig
+    }
+
+    /// The PC port.
+    pub const fn port(&self) -> &PcPort {
+        &self.port
+    }
+
+    /// Runs until something breaks.
+    ///
+    /// # Errors
+    /// [`LiveError`]: this is the only way in which it ends by itself.
+    pub async fn run(&mut self) -> Result<std::convert::Infallible, LiveError> {
+        loop {
+            let limit = self.brake.limit();
+            self.rig.advance(limit).await?;
+            self.deliver();
+            self.pace(limit);
+            let next = self.next_instant();
+            // Full: the client's next bytes stay in the kernel.
+            let room = if self.queued > DRIVER_LOW { 0 } else { DRIVER_QUEUE - self.queued };
+            tokio::select! {
+                biased;
+                news = self.rig.news() => news?,
+                passed = self.brake.wait_past(next) => passed?,
+                event = self.port.event(room) => self.take(event?)?,
+            }
+            self.keep_up().await?;
+        }
+    }
+
+    fn pace(&mut self, limit: Limit) {
+        let engine = self.rig.engine();
+        self.brake.hold_for_silence(engine.waits_for_silence(), engine.frontier());
+        if self.brake.pace() != Pace::Max
+            && let Some(behind) = self.brake.reached(limit.until)
+        {
+            log::set_time(limit.until);
+            tracing::warn!("this computer is {:.1} s behind; going on from here", behind.as_secs_f64());
+        }
+    }
+
+    fn next_instant(&self) -> Instant {
+        let next = self.rig.engine().next_instant();
+        if self.brake.pace() == Pace::Max { next } else { next.min(self.kept_up + KEEP_UP) }
+    }
+
+    async fn keep_up(&mut self) -> Result<(), RigError> {
+        let now = self.rig.engine().frontier();
+        if now >= self.kept_up + KEEP_UP {
+            self.kept_up = now;
+            self.rig.catch_up(now).await?;
+        }
+        Ok(())
+    }
+
+    /// Hands the client what has come for it, and logs the rest.
+    fn deliver(&mut self) {
+        for incident in self.rig.take_incidents() {
+            log::set_time(incident.at);
+            tracing::warn!("{incident}");
+        }
+        let mut received = Vec::new();
+        for fact in self.rig.take_facts() {
+            log::log(&self.rig, &fact);
+            let Fact::Event { node, event, value, .. } = fact else { continue };
+            if node != self.rig.pc() {
+                continue;
+            }
+            match PcEvent::from_numbers(event, value) {
+                Some(PcEvent::Sent(_)) => self.queued = self.queued.saturating_sub(1),
+                Some(PcEvent::Received(byte) | PcEvent::Garbled(byte)) => received.push(byte),
+                None => {}
+            }
+        }
+        let lost = if received.is_empty() { 0 } else { self.port.write(&received) };
+        if lost > 0 {
+            tracing::warn!("the program at the PC port does not read: {lost} bytes are lost");
+        }
+    }
+
+    fn take(&mut self, event: PortEvent) -> Result<(), LiveError> {
+        match event {
+            PortEvent::Data(bytes) => {
+                self.configure()?;
+                self.queued += bytes.len();
+                self.stimulate(Stimulus::Write(bytes));
+            }
+            PortEvent::Flushed => {
+                self.queued = 0;
+                self.stimulate(Stimulus::Discard);
+            }
+            PortEvent::Opened => tracing::info!("the PC port has been opened"),
+            PortEvent::Closed => tracing::info!("the PC port has been closed"),
+        }
+        Ok(())
+    }
+
+    /// Sets the UART to what the client has set.
+    fn configure(&mut self) -> Result<(), LiveError> {
+        let settings = self.port.settings()?;
+        if settings != self.settings {
+            let LineSettings { baud, ixon } = settings;
+            self.settings = LineSettings { baud, ixon };
+            tracing::info!("the program at the PC port sets {baud} baud, XON/XOFF {}", if ixon { "on" } else { "off" });
+            self.stimulate(Stimulus::Configure { baud, ixon });
+        }
+        Ok(())
+    }
+
+    fn stimulate(&mut self, stimulus: Stimulus) {
+        let now = self.brake.now().unwrap_or_default();
+        let pc = self.rig.pc();
+        self.rig.stimulate(pc, now, stimulus);
+    }
+}

@@ -1,0 +1,57 @@
+//! The log: what the boards tell, on standard error, stamped with virtual time.
+
+use std::fmt;
+use std::io::IsTerminal;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use torno_protocol::board::event_text;
+use torno_protocol::time::Instant;
+use tracing_subscriber::EnvFilter;
+use tracing_subscriber::fmt::format::Writer;
+use tracing_subscriber::fmt::time::FormatTime;
+
+use crate::engine::Fact;
+use crate::rig::Rig;
+
+/// The virtual time of the last thing logged, in nanoseconds.
+static NOW: AtomicU64 = AtomicU64::new(0);
+
+struct VirtualTime;
+
+impl FormatTime for VirtualTime {
+    fn format_time(&self, writer: &mut Writer<'_>) -> fmt::Result {
+        let now = Instant::from_nanos(NOW.load(Ordering::Relaxed));
+        write!(writer, "{:>14}", now.to_string())
+    }
+}
+
+/// Starts logging to standard error. `RUST_LOG` says what; without it, `default` does.
+pub fn init(default: &str) {
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(default));
+    let subscriber = tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_timer(VirtualTime)
+        .with_target(false)
+        .with_ansi(std::io::stderr().is_terminal())
+        .with_writer(std::io::stderr);
+    // A second call, in a test, changes nothing.
+    subscriber.try_init().ok();
+}
+
+/// Sets the stamp of what is logged next.
+pub fn set_time(now: Instant) {
+    NOW.store(now.as_nanos(), Ordering::Relaxed);
+}
+
+/// Logs a fact: events of boards, and on the finest level each byte of the PC.
+pub fn log(rig: &Rig, fact: &Fact) {
+    let Fact::Event { node, at, event, value } = fact else { return };
+    let board = &rig.nodes()[*node];
+    let Some(text) = board.description.events.get(usize::from(*event)) else { return };
+    set_time(*at);
+    if *node == rig.pc() {
+        tracing::trace!("{}: {}", board.name, event_text(text, *value));
+    } else {
+        tracing::info!("{}: {}", board.name, event_text(text, *value));
+    }
+}

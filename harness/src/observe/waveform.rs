@@ -1,0 +1,75 @@
+//! The waveform dump: every line as a one-bit signal (VCD, IEEE 1364-2005 §18).
+
+use std::collections::BTreeMap;
+use std::io;
+
+use torno_protocol::lathe::CHARACTER;
+use torno_protocol::line::{Edge, Level};
+use torno_protocol::time::Instant;
+use vcd::{SimulationCommand, TimescaleUnit, Value, Writer};
+
+use crate::engine::Fact;
+use crate::rig::Rig;
+
+/// Collects the edges of every line.
+pub struct Waveforms {
+    lines: Vec<(String, Vec<Edge>)>,
+}
+
+impl Waveforms {
+    /// The lines of `rig`, idle so far.
+    pub fn new(rig: &Rig) -> Self {
+        Self { lines: rig.lines().iter().map(|name| (name.clone(), Vec::new())).collect() }
+    }
+
+    /// Takes note of a fact.
+    pub fn add(&mut self, fact: &Fact) {
+        match fact {
+            Fact::Edges { line, edges } => self.lines[*line].1.extend(edges),
+            Fact::Cut { line, at } => {
+                let edges = &mut self.lines[*line].1;
+                edges.retain(|edge| edge.at < *at);
+                if edges.last().is_some_and(|edge| edge.level == Level::Low) {
+                    edges.push(Edge { at: *at, level: Level::High });
+                }
+            }
+            Fact::Telemetry { .. } | Fact::Event { .. } => {}
+        }
+    }
+
+    /// Writes the dump; it goes on past `end` until the last stop bit is certainly over.
+    ///
+    /// # Errors
+    /// Whatever writing gives.
+    pub fn write(&self, output: impl io::Write, end: Instant) -> io::Result<()> {
+        let mut writer = Writer::new(output);
+        writer.comment("torno: every line of the rig, idle high")?;
+        writer.timescale(1, TimescaleUnit::NS)?;
+        writer.add_module("rig")?;
+        let ids = self.lines.iter().map(|(name, _)| writer.add_wire(1, name)).collect::<io::Result<Vec<_>>>()?;
+        writer.upscope()?;
+        writer.enddefinitions()?;
+
+        writer.timestamp(0)?;
+        writer.begin(SimulationCommand::Dumpvars)?;
+        for id in &ids {
+            writer.change_scalar(*id, Value::V1)?;
+        }
+        writer.end()?;
+
+        let mut changes: BTreeMap<Instant, Vec<(usize, Level)>> = BTreeMap::new();
+        for (line, (_, edges)) in self.lines.iter().enumerate() {
+            edges.iter().for_each(|edge| changes.entry(edge.at).or_default().push((line, edge.level)));
+        }
+        let mut last = end;
+        for (at, levels) in changes {
+            writer.timestamp(at.as_nanos())?;
+            for (line, level) in levels {
+                writer.change_scalar(ids[line], if level == Level::High { Value::V1 } else { Value::V0 })?;
+            }
+            last = last.max(at);
+        }
+        writer.timestamp((last + CHARACTER.times(2)).as_nanos())?;
+        writer.flush()
+    }
+}

@@ -1,0 +1,176 @@
+//! Pace: how virtual time follows the wall clock. The only place that reads that clock to move time.
+
+use std::fmt;
+use std::io;
+use std::str::FromStr;
+use std::time::{Duration, Instant as WallInstant};
+
+use rustix::fd::OwnedFd;
+use rustix::time::{Itimerspec, TimerfdClockId, TimerfdFlags, TimerfdTimerFlags, Timespec};
+use tokio::io::unix::AsyncFd;
+use torno_protocol::time::{Instant, Span};
+
+use crate::engine::Limit;
+use crate::readable::readable;
+
+/// A host that is further behind than this does not try to catch up.
+const BEHIND: Span = Span::from_secs(1);
+
+/// Virtual seconds per wall second.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Pace {
+    /// So many times real time.
+    Times(f64),
+    /// As fast as there is something to do.
+    Max,
+}
+
+impl FromStr for Pace {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "max" {
+            return Ok(Self::Max);
+        }
+        match text.parse() {
+            Ok(times) if (0.001..=100_000.0).contains(&times) => Ok(Self::Times(times)),
+            _ => Err("expected 'max' or a number from 0.001 to 100000".to_owned()),
+        }
+    }
+}
+
+impl fmt::Display for Pace {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Times(times) => write!(f, "{times}"),
+            Self::Max => f.write_str("max"),
+        }
+    }
+}
+
+/// Holds virtual time back to the pace.
+#[derive(Debug)]
+pub struct Brake {
+    pace: Pace,
+    /// A wall instant and the virtual instant that it stands for. At [`Pace::Max`] there is one only while a board waits
+    /// for the silence of the world outside.
+    anchor: Option<(WallInstant, Instant)>,
+    timer: AsyncFd<OwnedFd>,
+}
+
+impl Brake {
+    /// A brake that starts now.
+    ///
+    /// # Errors
+    /// If the system refuses a timer.
+    pub fn new(pace: Pace) -> io::Result<Self> {
+        let flags = TimerfdFlags::NONBLOCK | TimerfdFlags::CLOEXEC;
+        let timer = rustix::time::timerfd_create(TimerfdClockId::Monotonic, flags)?;
+        let anchor = match pace {
+            Pace::Times(_) => Some((wall_now(), Instant::START)),
+            Pace::Max => None,
+        };
+        Ok(Self { pace, anchor, timer: readable(timer)? })
+    }
+
+    /// The pace.
+    pub const fn pace(&self) -> Pace {
+        self.pace
+    }
+
+    /// The virtual instant that the wall clock stands for, if time is held back.
+    pub fn now(&self) -> Option<Instant> {
+        let (wall, start) = self.anchor?;
+        let elapsed = wall_now().duration_since(wall).as_nanos() as f64 * self.times();
+        Some(start + Span::from_nanos(elapsed as u64))
+    }
+
+    /// How far time may go by now.
+    pub fn limit(&self) -> Limit {
+        match (self.pace, self.now()) {
+            (Pace::Max, now) => Limit { until: Instant::NEVER, silence: now.unwrap_or(Instant::START) },
+            (Pace::Times(_), now) => Limit::until(now.unwrap_or(Instant::START)),
+        }
+    }
+
+    /// At [`Pace::Max`]: whether, from `frontier` on, time is held back because a board waits for silence.
+    pub fn hold_for_silence(&mut self, waits: bool, frontier: Instant) {
+        if self.pace == Pace::Max {
+            self.anchor = waits.then(|| self.anchor.unwrap_or_else(|| (wall_now(), frontier)));
+        }
+    }
+
+    /// Time has gone as far as `reached`. A host that fell far behind starts anew from there; says by how much.
+    pub fn reached(&mut self, reached: Instant) -> Option<Span> {
+        let behind = self.now()?.since(reached);
+        if behind <= BEHIND {
+            return None;
+        }
+        self.anchor = Some((wall_now(), reached));
+        Some(behind)
+    }
+
+    /// Waits until the wall clock stands for a virtual instant after `instant`; for ever, if time is not held back or
+    /// `instant` is never. Cancel-safe.
+    ///
+    /// # Errors
+    /// If the system refuses the timer.
+    pub async fn wait_past(&self, instant: Instant) -> io::Result<()> {
+        let Some(now) = self.now().filter(|_| !instant.is_never()) else {
+            return std::future::pending().await;
+        };
+        let wall = Duration::from_nanos((instant.next().since(now).as_nanos() as f64 / self.times()) as u64 + 1);
+        let it_value = Timespec { tv_sec: wall.as_secs() as i64, tv_nsec: i64::from(wall.subsec_nanos()) };
+        let it_interval = Timespec { tv_sec: 0, tv_nsec: 0 };
+        rustix::time::timerfd_settime(&self.timer, TimerfdTimerFlags::empty(), &Itimerspec { it_interval, it_value })?;
+        loop {
+            let mut guard = self.timer.readable().await?;
+            let read = guard.try_io(|timer| Ok(rustix::io::read(timer.get_ref(), &mut [0u8; 8])?));
+            if let Ok(read) = read {
+                return read.map(drop);
+            }
+        }
+    }
+
+    fn times(&self) -> f64 {
+        match self.pace {
+            Pace::Times(times) => times,
+            Pace::Max => 1.0,
+        }
+    }
+}
+
+#[expect(clippy::disallowed_methods, reason = "this is where the wall clock is read")]
+fn wall_now() -> WallInstant {
+    WallInstant::now()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pace_is_a_number_or_max() {
+        assert_eq!("max".parse(), Ok(Pace::Max));
+        assert_eq!("10".parse(), Ok(Pace::Times(10.0)));
+        for wrong in ["", "0", "-1", "fast", "nan", "inf", "1e9"] {
+            assert!(wrong.parse::<Pace>().is_err(), "{wrong}");
+        }
+    }
+
+    #[tokio::test]
+    async fn waits_until_the_instant_is_past() {
+        let brake = Brake::new(Pace::Times(100.0)).unwrap();
+        let instant = Instant::from_nanos(500_000_000);
+        brake.wait_past(instant).await.unwrap();
+        assert!(brake.now().unwrap() > instant);
+    }
+
+    #[tokio::test]
+    async fn a_host_far_behind_starts_anew() {
+        let mut brake = Brake::new(Pace::Times(1000.0)).unwrap();
+        brake.wait_past(Instant::from_nanos(3_000_000_000)).await.unwrap();
+        assert!(brake.reached(Instant::START).is_some_and(|behind| behind > BEHIND));
+        assert_eq!(brake.reached(brake.now().unwrap()), None);
+    }
+}

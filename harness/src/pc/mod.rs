@@ -1,0 +1,5 @@
+//! The PC's side of the cable, inside the rig: its UART, and a program behind it.
+
+mod uart;
+
+pub use uart::{PcEvent, PcUart};

@@ -1,0 +1,259 @@
+//! The PC's UART: what a driver and a serial chip do, as a board of the rig.
+
+use std::collections::VecDeque;
+
+use torno_protocol::board::{Board, Deadline, Description, Input, Output, Signal, Stimulus};
+use torno_protocol::clock::{Clock, Rate};
+use torno_protocol::lathe::{Reply, ReplyDecoder, XOFF, XON};
+use torno_protocol::time::Instant;
+use torno_protocol::uart::{Character, Receiver, Transmitter};
+
+/// What the PC's UART tells.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PcEvent {
+    /// A byte has gone onto the line.
+    Sent(u8),
+    /// A byte has come.
+    Received(u8),
+    /// A character has come with an error; it is handed on as it is.
+    Garbled(u8),
+}
+
+impl PcEvent {
+    const TEXTS: [&str; 3] = ["sent {}", "received {}", "received with an error {}"];
+
+    /// The event that the numbers of a [`Fact::Event`](crate::engine::Fact::Event) stand for.
+    pub fn from_numbers(event: u8, value: i64) -> Option<Self> {
+        let byte = u8::try_from(value).ok()?;
+        match event {
+            0 => Some(Self::Sent(byte)),
+            1 => Some(Self::Received(byte)),
+            2 => Some(Self::Garbled(byte)),
+            _ => None,
+        }
+    }
+
+    fn output(self) -> Output {
+        let (event, byte) = match self {
+            Self::Sent(byte) => (0, byte),
+            Self::Received(byte) => (1, byte),
+            Self::Garbled(byte) => (2, byte),
+        };
+        Output::Event { event, value: i64::from(byte) }
+    }
+}
+
+/// A serial chip with a transmit FIFO, and the driver that feeds it.
+///
+/// With `ixon` the driver stops feeding it on `XOFF` and goes on at `XON`; what the chip has already loaded still
+/// goes out.
+#[derive(Clone, Debug)]
+pub struct PcUart {
+    clock: Clock,
+    baud: u32,
+    ixon: bool,
+    fifo: usize,
+    /// What the driver has not yet given to the chip.
+    queue: VecDeque<u8>,
+    /// How much of the chip's FIFO is full.
+    loaded: usize,
+    transmitter: Transmitter,
+    stopped: bool,
+    retuned: bool,
+    /// A program that gives up on `CAN`, as a careful one does: with a frame missing, the rest turns another part.
+    gives_up: Option<ReplyDecoder>,
+    outputs: VecDeque<Output>,
+}
+
+impl PcUart {
+    /// A UART at `baud` with `fifo` characters between driver and line.
+    pub fn new(baud: u32, fifo: usize, clock: Clock) -> Self {
+        Self {
+            clock,
+            baud,
+            ixon: false,
+            fifo,
+            queue: VecDeque::new(),
+            loaded: 0,
+            transmitter: Transmitter::hardware(Rate::hz(baud), clock),
+            stopped: false,
+            retuned: false,
+            gives_up: None,
+            outputs: VecDeque::new(),
+        }
+    }
+
+    /// With a program behind it that is held by `XON`/`XOFF` and gives up when a board fails.
+    pub fn with_program(self) -> Self {
+        Self { ixon: true, gives_up: Some(ReplyDecoder::default()), ..self }
+    }
+
+    fn receive(&mut self, character: Character) {
+        let Some(byte) = character.ok() else {
+            self.outputs.push_back(PcEvent::Garbled(character.byte).output());
+            return;
+        };
+        self.outputs.push_back(PcEvent::Received(byte).output());
+        if self.ixon && (byte == XOFF || byte == XON) {
+            self.stop(byte == XOFF);
+        }
+        if let Some(decoder) = &mut self.gives_up
+            && decoder.push(byte).iter().any(|reply| matches!(reply, Reply::Can(..)))
+        {
+            self.queue.clear();
+        }
+    }
+
+    fn stop(&mut self, stopped: bool) {
+        if self.stopped != stopped {
+            self.stopped = stopped;
+            self.outputs.push_back(Output::Telemetry { signal: 0, value: i64::from(stopped) });
+        }
+    }
+
+    fn configure(&mut self, baud: u32, ixon: bool) {
+        if !ixon {
+            self.stop(false);
+        }
+        self.ixon = ixon;
+        if baud != self.baud && baud > 0 {
+            self.baud = baud;
+            self.retuned = true;
+            self.transmitter.retune(Rate::hz(baud), self.clock);
+        }
+    }
+
+    /// The driver feeds the chip, the chip its shift register.
+    fn feed(&mut self, now: Instant) {
+        loop {
+            while !self.stopped
+                && self.loaded < self.fifo
+                && let Some(byte) = self.queue.pop_front()
+            {
+                self.transmitter.push(byte);
+                self.loaded += 1;
+            }
+            let Some(loaded) = self.transmitter.load(now) else { return };
+            self.loaded -= 1;
+            self.outputs.push_back(PcEvent::Sent(loaded.byte).output());
+            self.outputs.push_back(Output::Character { port: 0, edges: loaded.edges, end: loaded.end });
+        }
+    }
+}
+
+impl Board for PcUart {
+    fn description(&self) -> Description {
+        Description {
+            ports: vec!["cable".to_owned()],
+            signals: vec![Signal::new("stopped", 0)],
+            events: PcEvent::TEXTS.map(str::to_owned).to_vec(),
+        }
+    }
+
+    fn receivers(&self) -> Vec<Receiver> {
+        vec![Receiver::hardware(Rate::hz(self.baud), self.clock)]
+    }
+
+    fn handle_input(&mut self, now: Instant, input: Input) {
+        match input {
+            Input::Character { character, .. } => self.receive(character),
+            Input::Stimulus(Stimulus::Write(bytes)) => self.queue.extend(bytes),
+            Input::Stimulus(Stimulus::Discard) => self.queue.clear(),
+            Input::Stimulus(Stimulus::Configure { baud, ixon }) => self.configure(baud, ixon),
+            Input::Stimulus(_) => {}
+        }
+        self.feed(now);
+    }
+
+    fn handle_timeout(&mut self, now: Instant) {
+        self.feed(now);
+    }
+
+    fn poll_output(&mut self) -> Option<Output> {
+        self.outputs.pop_front()
+    }
+
+    fn poll_receiver(&mut self) -> Option<(u8, Receiver)> {
+        core::mem::take(&mut self.retuned).then(|| (0, Receiver::hardware(Rate::hz(self.baud), self.clock)))
+    }
+
+    fn poll_timeout(&self) -> Option<Deadline> {
+        self.transmitter.poll_timeout().map(|at| Deadline { at, why: "the next character", outside: false })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use torno_protocol::record::Heard;
+    use torno_protocol::stepping::Cell;
+    use torno_protocol::time::Span;
+
+    use super::*;
+
+    fn ms(ms: u64) -> Instant {
+        Instant::START + Span::from_millis(ms)
+    }
+
+    /// The bytes that go out before `until`, with `reply` starting at 5 ms.
+    fn sent(uart: PcUart, reply: &[u8], until: Instant) -> Vec<u8> {
+        let mut cell = Cell::new(uart);
+        cell.hear(&Heard::Stimulus { at: ms(1), stimulus: Stimulus::Write((0..32).collect()) });
+        let mut master = Transmitter::hardware(Rate::hz(9600), Clock::TRUE);
+        for byte in reply {
+            master.push(*byte);
+            let edges = master.load(ms(5).max(master.free_at())).unwrap().edges;
+            cell.hear(&Heard::Edges { port: 0, edges });
+        }
+        let mut sent = Vec::new();
+        cell.run(until, |_, output| {
+            if let Output::Event { event, value } = output
+                && let Some(PcEvent::Sent(byte)) = PcEvent::from_numbers(event, value)
+            {
+                sent.push(byte);
+            }
+        });
+        sent
+    }
+
+    fn uart(fifo: usize) -> PcUart {
+        PcUart::new(9600, fifo, Clock::TRUE)
+    }
+
+    #[test]
+    fn bytes_leave_at_the_baud_rate() {
+        assert_eq!(sent(uart(1), &[], ms(1) + Span::from_nanos(10_416_668)).len(), 11);
+        assert_eq!(sent(uart(1), &[], ms(100)).len(), 32);
+    }
+
+    #[test]
+    fn xoff_stops_all_but_what_is_loaded() {
+        // XOFF is understood 5.99 ms after the start: five characters are out or on the line.
+        assert_eq!(sent(uart(1).with_program(), &[XOFF], ms(1000)), [0, 1, 2, 3, 4, 5]);
+        assert_eq!(sent(uart(16).with_program(), &[XOFF], ms(1000)).len(), 21);
+        assert_eq!(sent(uart(1), &[XOFF], ms(1000)).len(), 32);
+    }
+
+    #[test]
+    fn xon_goes_on_without_a_loss() {
+        assert_eq!(sent(uart(1).with_program(), &[XOFF, XON], ms(1000)), (0..32).collect::<Vec<u8>>());
+    }
+
+    #[test]
+    fn a_program_gives_up_when_a_board_fails() {
+        assert!(sent(uart(1).with_program(), b"\x18dn", ms(1000)).len() < 12);
+    }
+
+    #[test]
+    fn another_speed_holds_from_the_next_character() {
+        let mut cell = Cell::new(uart(1));
+        cell.hear(&Heard::Stimulus { at: ms(1), stimulus: Stimulus::Write(vec![0; 2]) });
+        cell.hear(&Heard::Stimulus { at: ms(1).next(), stimulus: Stimulus::Configure { baud: 4800, ixon: false } });
+        let mut ends = Vec::new();
+        cell.run(ms(100), |at, output| {
+            if let Output::Character { end, .. } = output {
+                ends.push(end.since(at).as_nanos());
+            }
+        });
+        assert_eq!(ends, [1_041_667, 2_083_333]);
+    }
+}

@@ -1,0 +1,262 @@
+//! Plays a whole program through a rig, as a PC with flow control would, and tells how it ended.
+
+use std::path::PathBuf;
+
+use torno_protocol::board::Stimulus;
+use torno_protocol::lathe::{Conversation, Outcome, Program, ReplyDecoder};
+use torno_protocol::time::{Instant, Span};
+
+use crate::engine::{Fact, Limit, NodeId, Statistics};
+use crate::observe::{Digest, Sum, Telemetry, Waveforms, log};
+use crate::pace::{Brake, Pace};
+use crate::pc::{PcEvent, PcUart};
+use crate::rig::file::RigFile;
+use crate::rig::{Driver, Incident, Rig, RigError};
+
+/// The PC starts to send so long after the rig has started.
+const PROGRAM_START: Span = Span::from_millis(10);
+/// Steps between two looks at the signals that may end the run.
+const STEPS_PER_LOOK: u32 = 64;
+
+/// What is to be played, and how.
+#[derive(Clone, Debug)]
+pub struct Play {
+    /// The rig.
+    pub file: RigFile,
+    /// The program.
+    pub program: Program,
+    /// Where the boards run.
+    pub driver: Driver,
+    /// How fast.
+    pub pace: Pace,
+    /// What breaks on the way.
+    pub breakages: Vec<Breakage>,
+    /// Whether to keep the waveforms of all lines.
+    pub waveforms: bool,
+}
+
+/// Something that breaks at an instant.
+#[derive(Clone, Debug)]
+pub enum Breakage {
+    /// A line is cut.
+    Cut {
+        /// The line's name.
+        line: String,
+        /// When.
+        at: Instant,
+    },
+    /// A board gets a stimulus.
+    Stimulus {
+        /// The board's name.
+        board: String,
+        /// When.
+        at: Instant,
+        /// What.
+        stimulus: Stimulus,
+    },
+}
+
+/// How far a play has come.
+#[derive(Clone, Copy, Debug)]
+pub struct Progress<'a> {
+    /// Everything before this has happened.
+    pub now: Instant,
+    /// What has been said.
+    pub conversation: &'a Conversation,
+    /// The nodes of the rig.
+    pub incidents: &'a [Incident],
+}
+
+/// How a play ended.
+pub struct Finale {
+    /// What was said.
+    pub conversation: Conversation,
+    /// How the program ended.
+    pub outcome: Outcome,
+    /// The virtual time it took until the rig was quiet.
+    pub end: Instant,
+    /// The digest of everything that happened.
+    pub digest: Sum,
+    /// The boards: name, process, last telemetry.
+    pub boards: Vec<BoardFinale>,
+    /// What became of their processes.
+    pub incidents: Vec<Incident>,
+    /// What the engine did.
+    pub statistics: Statistics,
+    /// The waveforms, if they were to be kept.
+    pub waveforms: Option<Waveforms>,
+}
+
+/// How a board ended.
+pub struct BoardFinale {
+    /// Its name.
+    pub name: String,
+    /// Its process; its own or the harness's.
+    pub pid: u32,
+    /// The last value of each of its quantities.
+    pub telemetry: std::collections::BTreeMap<String, i64>,
+}
+
+struct Stage {
+    rig: Rig,
+    digest: Digest,
+    telemetry: Telemetry,
+    waveforms: Option<Waveforms>,
+    decoder: ReplyDecoder,
+    conversation: Conversation,
+    bytes_sent: usize,
+    now: Instant,
+    incidents: Vec<Incident>,
+}
+
+impl Play {
+    /// Plays to the end: until the rig is quiet.
+    ///
+    /// # Errors
+    /// [`RigError`] if the rig itself breaks.
+    pub async fn run(self, mut progress: impl FnMut(Progress<'_>)) -> Result<Finale, RigError> {
+        let pc = &self.file.pc;
+        let uart = PcUart::new(pc.baud, pc.tx_fifo, pc.clock).with_program();
+        let mut rig = Rig::start(&self.file, &self.driver, uart).await?;
+        if self.pace == Pace::Max {
+            rig.share_one_processor();
+        }
+        for breakage in &self.breakages {
+            break_it(&mut rig, breakage)?;
+        }
+        let pc = rig.pc();
+        rig.stimulate(pc, Instant::START + PROGRAM_START, Stimulus::Write(self.program.bytes()));
+        let mut stage = Stage::new(rig, self.waveforms);
+        let brake = Brake::new(self.pace)?;
+        loop {
+            let limit = if self.pace == Pace::Max { Limit::NONE } else { brake.limit() };
+            let mut steps = 0;
+            while stage.rig.step(limit).await? {
+                stage.take_note();
+                progress(stage.progress());
+                steps += 1;
+                if steps % STEPS_PER_LOOK == 0 {
+                    tokio::task::yield_now().await;
+                }
+            }
+            stage.take_note();
+            progress(stage.progress());
+            if stage.rig.engine().is_quiet() {
+                break;
+            }
+            let next = stage.rig.engine().next_instant();
+            tokio::select! {
+                news = stage.rig.news() => news?,
+                passed = brake.wait_past(next) => passed?,
+            }
+        }
+        stage.finish(self.program.frames.len()).await
+    }
+}
+
+fn break_it(rig: &mut Rig, breakage: &Breakage) -> Result<(), RigError> {
+    let unknown = |name: &str| RigError::Unknown { name: name.to_owned() };
+    match breakage {
+        Breakage::Cut { line, at } => {
+            let id = rig.lines().iter().position(|name| name == line).ok_or_else(|| unknown(line))?;
+            rig.cut_line(id, *at);
+        }
+        Breakage::Stimulus { board, at, stimulus } => {
+            let id = rig.nodes().iter().position(|node| node.name == *board).ok_or_else(|| unknown(board))?;
+            rig.stimulate(id, *at, stimulus.clone());
+        }
+    }
+    Ok(())
+}
+
+impl Stage {
+    fn new(rig: Rig, waveforms: bool) -> Self {
+        Self {
+            digest: Digest::new(&rig),
+            telemetry: Telemetry::new(&rig),
+            waveforms: waveforms.then(|| Waveforms::new(&rig)),
+            rig,
+            decoder: ReplyDecoder::default(),
+            conversation: Conversation::default(),
+            bytes_sent: 0,
+            now: Instant::START,
+            incidents: Vec::new(),
+        }
+    }
+
+    /// Makes of the facts what is to be made of them.
+    fn take_note(&mut self) {
+        for incident in self.rig.take_incidents() {
+            log::set_time(incident.at);
+            tracing::warn!("{incident}");
+            self.incidents.push(incident);
+        }
+        for fact in self.rig.take_facts() {
+            log::log(&self.rig, &fact);
+            self.digest.add(&fact);
+            self.telemetry.add(&fact);
+            if let Some(waveforms) = &mut self.waveforms {
+                waveforms.add(&fact);
+            }
+            if let Fact::Event { node, at, event, value } = fact {
+                self.now = self.now.max(at);
+                if node == self.rig.pc() {
+                    self.listen(PcEvent::from_numbers(event, value));
+                }
+            }
+        }
+        self.now = self.now.max(self.rig.engine().frontier());
+    }
+
+    fn listen(&mut self, event: Option<PcEvent>) {
+        match event {
+            Some(PcEvent::Sent(_)) => {
+                self.bytes_sent += 1;
+                if self.bytes_sent % 8 == 0 {
+                    self.conversation.sent();
+                }
+            }
+            Some(PcEvent::Received(byte)) => {
+                self.decoder.push(byte).into_iter().for_each(|reply| self.conversation.reply(reply));
+            }
+            Some(PcEvent::Garbled(_)) | None => {}
+        }
+    }
+
+    fn progress(&self) -> Progress<'_> {
+        Progress { now: self.now, conversation: &self.conversation, incidents: &self.incidents }
+    }
+
+    async fn finish(mut self, frames: usize) -> Result<Finale, RigError> {
+        let end = self.rig.engine().quiet_since();
+        self.rig.catch_up(end.next()).await?;
+        self.take_note();
+        let board = |(id, node): (NodeId, &crate::rig::Node)| BoardFinale {
+            name: node.name.clone(),
+            pid: node.pid.unwrap_or_else(std::process::id),
+            telemetry: self.telemetry.of(id),
+        };
+        Ok(Finale {
+            outcome: self.conversation.outcome(frames),
+            end,
+            digest: self.digest.sum(),
+            boards: self.rig.nodes().iter().enumerate().filter(|(id, _)| *id != self.rig.pc()).map(board).collect(),
+            incidents: self.incidents,
+            statistics: self.rig.engine().statistics(),
+            waveforms: self.waveforms,
+            conversation: self.conversation,
+        })
+    }
+}
+
+/// The program that is played where none is named: it turns a stepped shaft from bar stock.
+pub const DEMONSTRATION: (&str, &str) = ("shaft.frames", include_str!("../builtin/shaft.frames"));
+
+/// Where a program comes from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum ProgramSource {
+    /// [`DEMONSTRATION`].
+    BuiltIn,
+    /// A file.
+    File(PathBuf),
+}

@@ -1,0 +1,53 @@
+//! The progress bar. Only on a terminal.
+
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressStyle};
+use torno_protocol::time::Instant;
+
+/// A bar that shows how many frames of a program have been executed.
+pub struct Bar {
+    bar: ProgressBar,
+    wall: std::time::Instant,
+}
+
+impl Bar {
+    /// A bar for so many frames. `wall` is when the command started.
+    pub fn new(frames: usize, wall: std::time::Instant) -> Self {
+        let bar = ProgressBar::new(frames as u64);
+        let template = "frame {pos} of {len} {bar:32.cyan/blue} {msg}";
+        let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
+        bar.set_style(style.progress_chars("━╸─"));
+        bar.enable_steady_tick(Duration::from_millis(250));
+        Self { bar, wall }
+    }
+
+    /// So many frames have been executed by `now`, in virtual time if that is known.
+    pub fn update(&self, executed: usize, now: Option<Instant>) {
+        if self.bar.is_hidden() {
+            return;
+        }
+        let wall = self.wall.elapsed().as_secs_f64();
+        let message = match now {
+            Some(now) => format!("{:.1} s virtual, {wall:.1} s wall", now.as_secs_f64()),
+            None => format!("{wall:.1} s"),
+        };
+        self.bar.set_message(message);
+        self.bar.set_position(executed as u64);
+    }
+
+    /// Whether anybody sees it.
+    pub fn is_shown(&self) -> bool {
+        !self.bar.is_hidden()
+    }
+
+    /// Prints a line above the bar, or nowhere if there is none.
+    pub fn print(&self, line: &str) {
+        self.bar.println(line);
+    }
+
+    /// Takes the bar away.
+    pub fn clear(&self) {
+        self.bar.finish_and_clear();
+    }
+}

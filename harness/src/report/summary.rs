@@ -1,0 +1,149 @@
+//! The summary at the end of a program.
+
+use std::collections::BTreeMap;
+use std::fmt::{self, Write};
+
+use anstyle::{AnsiColor, Style};
+use serde::Serialize;
+use torno_protocol::lathe::Conversation;
+
+/// What is told at the end of a program; as JSON, one object on one line.
+#[derive(Clone, Debug, Serialize)]
+pub struct Summary {
+    /// The rig, or the port of a machine that is none of ours.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rig: Option<String>,
+    /// The serial port, where one was named.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub port: Option<String>,
+    /// The program.
+    pub program: String,
+    /// How it ended: `completed`, `rejected`, `faulted`, `unanswered`.
+    pub outcome: &'static str,
+    /// The frames.
+    pub frames: Frames,
+    /// Failures that the PC was told of.
+    pub failures: Vec<String>,
+    /// Virtual seconds until the rig was quiet.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub virtual_s: Option<f64>,
+    /// Wall seconds of the whole command.
+    pub wall_s: f64,
+    /// Virtual over wall time.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub speedup: Option<f64>,
+    /// The seed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub seed: Option<u64>,
+    /// The digest of everything that happened.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub digest: Option<String>,
+    /// The harness's process.
+    pub pid: u32,
+    /// What became of the boards' processes.
+    pub incidents: Vec<String>,
+    /// The boards.
+    pub boards: BTreeMap<String, BoardSummary>,
+    #[serde(skip)]
+    /// The boards' names in the order of the rig.
+    pub order: Vec<String>,
+}
+
+/// The frames of a program.
+#[derive(Clone, Debug, Serialize)]
+pub struct Frames {
+    /// Frames in the program.
+    pub total: usize,
+    /// Sent.
+    pub sent: usize,
+    /// Acknowledged.
+    pub accepted: usize,
+    /// Held for a while.
+    pub held: usize,
+    /// Refused.
+    pub rejected: usize,
+    /// Why, in order.
+    pub refusals: Vec<String>,
+}
+
+impl Frames {
+    /// The tally of a conversation.
+    pub fn new(conversation: &Conversation, total: usize) -> Self {
+        Self {
+            total,
+            sent: conversation.sent,
+            accepted: conversation.accepted,
+            held: conversation.held,
+            rejected: conversation.refusals.len(),
+            refusals: conversation.refusals.iter().map(ToString::to_string).collect(),
+        }
+    }
+}
+
+/// A board at the end.
+#[derive(Clone, Debug, Serialize)]
+pub struct BoardSummary {
+    /// Its process.
+    pub pid: u32,
+    /// The last value of each of its quantities.
+    #[serde(flatten)]
+    pub telemetry: BTreeMap<String, i64>,
+}
+
+impl Summary {
+    /// The summary for people.
+    pub fn text(&self, colour: bool) -> String {
+        let mut text = String::new();
+        // Writing to a string cannot fail.
+        let _ = self.write(&mut text, colour);
+        text
+    }
+
+    fn write(&self, text: &mut String, colour: bool) -> fmt::Result {
+        let style = |style: Style| if colour { style } else { Style::new() };
+        let dim = style(Style::new().dimmed());
+        let bold = style(Style::new().bold());
+        if !self.boards.is_empty() {
+            writeln!(text, "{bold}{:<12} {:>8}  at the end{bold:#}", "process", "pid")?;
+            writeln!(text, "{:<12} {:>8}  {dim}time, lines and the PC{dim:#}", "harness", self.pid)?;
+            for name in &self.order {
+                let Some(board) = self.boards.get(name) else { continue };
+                let telemetry = board.telemetry.iter().map(|(name, value)| format!("{name} {value}"));
+                let telemetry = telemetry.collect::<Vec<_>>().join(", ");
+                writeln!(text, "{name:<12} {:>8}  {dim}{telemetry}{dim:#}", board.pid)?;
+            }
+            writeln!(text)?;
+        }
+        let problem = style(AnsiColor::Red.on_default().bold());
+        for line in self.incidents.iter().chain(&self.failures) {
+            writeln!(text, "{problem}{line}{problem:#}")?;
+        }
+        if !self.frames.refusals.is_empty() {
+            writeln!(text, "{problem}refused: {}{problem:#}", self.frames.refusals.join(", "))?;
+        }
+        let Frames { total, sent, accepted, held, rejected, .. } = self.frames;
+        let place = self.rig.as_deref().or(self.port.as_deref()).unwrap_or_default();
+        writeln!(text, "{:<9}{} on {place}", "program", self.program)?;
+        writeln!(
+            text,
+            "{:<9}{sent} of {total} sent, {accepted} accepted, {held} held for a while, {rejected} rejected",
+            "frames"
+        )?;
+        match (self.virtual_s, self.speedup) {
+            (Some(seconds), Some(speedup)) => {
+                writeln!(
+                    text,
+                    "{:<9}{seconds:.3} s virtual in {:.3} s: {speedup:.0} x real time",
+                    "time", self.wall_s
+                )?;
+            }
+            _ => writeln!(text, "{:<9}{:.3} s", "time", self.wall_s)?,
+        }
+        if let (Some(digest), Some(seed)) = (&self.digest, self.seed) {
+            writeln!(text, "{:<9}{digest} (seed {seed})", "digest")?;
+        }
+        let colour = if self.outcome == "completed" { AnsiColor::Green } else { AnsiColor::Red };
+        let outcome = style(colour.on_default().bold());
+        writeln!(text, "{:<9}{outcome}{}{outcome:#}", "outcome", self.outcome)
+    }
+}

@@ -1,0 +1,316 @@
+//! The rig file: which boards and links make a rig (TOML).
+
+use std::ops::Range;
+use std::path::Path;
+
+use serde::Deserialize;
+use toml::Spanned;
+use torno_protocol::board::Description;
+use torno_protocol::clock::Clock;
+
+use super::kinds;
+
+/// The rigs that are built in: name and text.
+const BUILT_IN: [(&str, &str); 1] = [("lathe", include_str!("../../builtin/lathe.toml"))];
+
+/// The rig that is meant where none is named.
+pub const DEFAULT: &str = "lathe";
+
+/// A rig, as its file describes it; everything in it has been checked.
+#[derive(Clone, Debug)]
+pub struct RigFile {
+    /// The rig's name.
+    pub name: String,
+    /// The PC's side.
+    pub pc: Pc,
+    /// The boards, in the order of the file.
+    pub boards: Vec<Board>,
+    /// The links between boards, each as two ends: a board's place in `boards` and its port.
+    pub links: Vec<[(usize, u8); 2]>,
+}
+
+/// The PC's UART and what it is connected to.
+#[derive(Clone, Debug)]
+pub struct Pc {
+    /// The board's place in [`RigFile::boards`], and its port.
+    pub to: (usize, u8),
+    /// Bits per second, 50…4 000 000. Default 9600.
+    pub baud: u32,
+    /// Characters that the UART has loaded beyond the one on the line, 1…64: these still go out after `XOFF`. Default 1.
+    pub tx_fifo: usize,
+    /// The error of the PC's clock. Default 0.
+    pub clock: Clock,
+}
+
+/// A board of the rig.
+#[derive(Clone, Debug)]
+pub struct Board {
+    /// Its name, unique in the rig.
+    pub name: String,
+    /// Its kind: see [`kinds::NAMES`].
+    pub kind: String,
+    /// Its oscillator.
+    pub clock: Clock,
+    /// Its settings, as TOML.
+    pub settings: String,
+    /// What it consists of.
+    pub description: Description,
+}
+
+/// Why a rig cannot be had.
+#[derive(Debug, thiserror::Error)]
+pub enum RigFileError {
+    /// The file cannot be read.
+    #[error("cannot read the rig file '{path}': {source} (built-in rigs: {})", built_in_names())]
+    Unreadable {
+        /// The file.
+        path: String,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The file is not TOML, or not a rig.
+    #[error("{path}:{line}:{column}: {message}")]
+    Invalid {
+        /// The file.
+        path: String,
+        /// From 1.
+        line: usize,
+        /// From 1.
+        column: usize,
+        /// What was expected, and what was found.
+        message: String,
+    },
+}
+
+fn built_in_names() -> String {
+    BUILT_IN.map(|(name, _)| name).join(", ")
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawRig {
+    name: Spanned<String>,
+    dialect: Spanned<String>,
+    pc: RawPc,
+    #[serde(default)]
+    board: Vec<RawBoard>,
+    #[serde(default)]
+    link: Vec<RawLink>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawPc {
+    port: Spanned<String>,
+    #[serde(default = "default_baud")]
+    baud: Spanned<u32>,
+    #[serde(default = "default_fifo")]
+    tx_fifo: Spanned<usize>,
+    #[serde(default = "default_ppm")]
+    clock_ppm: Spanned<f64>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawBoard {
+    name: Spanned<String>,
+    kind: Spanned<String>,
+    #[serde(default = "default_ppm")]
+    clock_ppm: Spanned<f64>,
+    #[serde(default)]
+    settings: toml::Table,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawLink {
+    ends: Spanned<[Spanned<String>; 2]>,
+}
+
+fn default_baud() -> Spanned<u32> {
+    Spanned::new(0..0, 9600)
+}
+
+fn default_fifo() -> Spanned<usize> {
+    Spanned::new(0..0, 1)
+}
+
+fn default_ppm() -> Spanned<f64> {
+    Spanned::new(0..0, 0.0)
+}
+
+/// What is wrong, and where in the text.
+type Complaint = (Range<usize>, String);
+
+impl RigFile {
+    /// The rig of that name, or in that file.
+    ///
+    /// # Errors
+    /// [`RigFileError`]: where, what was expected, what was found.
+    pub fn load(rig: &str) -> Result<Self, RigFileError> {
+        if let Some((name, text)) = BUILT_IN.iter().find(|(name, _)| *name == rig) {
+            return Self::parse(name, text);
+        }
+        let unreadable = |source| RigFileError::Unreadable { path: rig.to_owned(), source };
+        Self::parse(rig, &std::fs::read_to_string(Path::new(rig)).map_err(unreadable)?)
+    }
+
+    /// Reads a rig file's text. `path` is for the messages.
+    ///
+    /// # Errors
+    /// [`RigFileError::Invalid`].
+    pub fn parse(path: &str, text: &str) -> Result<Self, RigFileError> {
+        let invalid = |(span, message): Complaint| {
+            let before = text.get(..span.start).unwrap_or(text);
+            let line = before.matches('\n').count() + 1;
+            let column = before.rsplit('\n').next().unwrap_or_default().chars().count() + 1;
+            RigFileError::Invalid { path: path.to_owned(), line, column, message }
+        };
+        let raw: RawRig = toml::from_str(text)
+            .map_err(|error| invalid((error.span().unwrap_or(0..0), error.message().to_owned())))?;
+        Self::check(raw).map_err(invalid)
+    }
+
+    fn check(raw: RawRig) -> Result<Self, Complaint> {
+        if raw.dialect.get_ref() != "lathe" {
+            let message = format!("unknown dialect '{}': expected lathe", raw.dialect.get_ref());
+            return Err((raw.dialect.span(), message));
+        }
+        check_name(&raw.name)?;
+        let mut boards: Vec<Board> = Vec::new();
+        for raw in raw.board {
+            let board = check_board(raw, &boards)?;
+            boards.push(board);
+        }
+        let mut taken = Vec::new();
+        let mut end = |end: &Spanned<String>| {
+            let found = find_end(&boards, end)?;
+            if taken.contains(&found) {
+                return Err((end.span(), format!("port '{}' is already connected", end.get_ref())));
+            }
+            taken.push(found);
+            Ok(found)
+        };
+        let pc = Pc {
+            to: end(&raw.pc.port)?,
+            baud: in_range("baud", &raw.pc.baud, 50..=4_000_000)?,
+            tx_fifo: in_range("tx_fifo", &raw.pc.tx_fifo, 1..=64)?,
+            clock: check_clock(&raw.pc.clock_ppm)?,
+        };
+        let mut links: Vec<[(usize, u8); 2]> = Vec::new();
+        for RawLink { ends } in raw.link {
+            let span = ends.span();
+            let [a, b] = ends.into_inner();
+            let link = [end(&a)?, end(&b)?];
+            let pair = |link: &[(usize, u8); 2]| (link[0].0.min(link[1].0), link[0].0.max(link[1].0));
+            if links.iter().any(|other| pair(other) == pair(&link)) {
+                let (a, b) = (&boards[link[0].0].name, &boards[link[1].0].name);
+                return Err((
+                    span,
+                    format!("'{a}' and '{b}' are already linked: expected one link between two boards"),
+                ));
+            }
+            links.push(link);
+        }
+        Ok(Self { name: raw.name.into_inner(), pc, boards, links })
+    }
+}
+
+fn check_name(name: &Spanned<String>) -> Result<(), Complaint> {
+    let text = name.get_ref();
+    let fits = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_' || c == '-';
+    if text.is_empty() || text.len() > 32 || !text.chars().all(fits) {
+        let message = format!("'{text}': expected a name of 1 to 32 lower-case letters, digits, '-' or '_'");
+        return Err((name.span(), message));
+    }
+    Ok(())
+}
+
+fn check_board(raw: RawBoard, others: &[Board]) -> Result<Board, Complaint> {
+    check_name(&raw.name)?;
+    let name = raw.name.get_ref().clone();
+    if name == "pc" || others.iter().any(|board| board.name == name) {
+        return Err((raw.name.span(), format!("the name '{name}' is already taken")));
+    }
+    let clock = check_clock(&raw.clock_ppm)?;
+    let kind = raw.kind.get_ref().clone();
+    let settings = toml::to_string(&raw.settings).map_err(|error| (raw.name.span(), error.to_string()))?;
+    let stepper = kinds::build(&kind, &settings, clock).map_err(|error| (raw.kind.span(), error.to_string()))?;
+    Ok(Board { name, kind, clock, settings, description: stepper.description() })
+}
+
+fn check_clock(ppm: &Spanned<f64>) -> Result<Clock, Complaint> {
+    let ppb = ppm.get_ref() * 1000.0;
+    let clock = if ppb.is_finite() { Clock::from_ppb(ppb as i32) } else { None };
+    clock.ok_or_else(|| (ppm.span(), format!("clock_ppm = {}: expected -200000 to 200000", ppm.get_ref())))
+}
+
+fn in_range<T: PartialOrd + Copy + std::fmt::Display>(
+    name: &str,
+    value: &Spanned<T>,
+    range: std::ops::RangeInclusive<T>,
+) -> Result<T, Complaint> {
+    let found = *value.get_ref();
+    if range.contains(&found) {
+        return Ok(found);
+    }
+    Err((value.span(), format!("{name} = {found}: expected {} to {}", range.start(), range.end())))
+}
+
+fn find_end(boards: &[Board], end: &Spanned<String>) -> Result<(usize, u8), Complaint> {
+    let complain = |message: String| Err((end.span(), message));
+    let Some((board, port)) = end.get_ref().split_once('.') else {
+        return complain(format!("'{}': expected board.port", end.get_ref()));
+    };
+    let Some(place) = boards.iter().position(|other| other.name == board) else {
+        let known: Vec<&str> = boards.iter().map(|board| board.name.as_str()).collect();
+        return complain(format!("there is no board '{board}': expected one of {}", known.join(", ")));
+    };
+    let ports = &boards[place].description.ports;
+    match ports.iter().position(|other| other == port) {
+        Some(port) => Ok((place, port as u8)),
+        None => complain(format!("board '{board}' has no port '{port}': expected one of {}", ports.join(", "))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lathe_with(from: &str, to: &str) -> String {
+        let text = BUILT_IN[0].1;
+        assert!(text.contains(from), "{from}");
+        RigFile::parse("my.toml", &text.replacen(from, to, 1))
+            .map(|_| "fine".to_owned())
+            .unwrap_or_else(|e| e.to_string())
+    }
+
+    #[test]
+    fn the_built_in_rigs_are_sound() {
+        for (name, _) in BUILT_IN {
+            assert_eq!(RigFile::load(name).unwrap().name, name);
+        }
+    }
+
+    #[test]
+    fn complaints_say_where_and_what_was_expected() {
+        for (from, to, expected) in [
+            ("kind = \"spindle\"", "kind = \"spindel\"", "my.toml:17:8: unknown kind of board 'spindel'"),
+            ("baud = 9600", "baud = 9", "my.toml:8:8: baud = 9: expected 50 to 4000000"),
+            (
+                "\"master.depth\"",
+                "\"master.deep\"",
+                "has no port 'deep': expected one of pc, spindle, transverse, depth",
+            ),
+            ("\"depth.master\"", "\"depht.master\"", "there is no board 'depht': expected one of master, spindle"),
+            ("\"master.depth\"", "\"master.spindle\"", "port 'master.spindle' is already connected"),
+            ("name = \"depth\"", "name = \"spindle\"", "the name 'spindle' is already taken"),
+            ("tx_fifo", "tx_fivo", "my.toml:9:1: unknown field `tx_fivo`"),
+            ("kind = \"depth\"", "kind = \"depth\"\n[board.settings]\npitch = 1", "unknown field `pitch`"),
+            ("[pc]", "[pc", "my.toml:6:4:"),
+        ] {
+            let found = lathe_with(from, to);
+            assert!(found.contains(expected), "{found}\nlacks\n{expected}");
+        }
+    }
+}

@@ -1,0 +1,440 @@
+//! A running rig: boards in their processes (or all in this one), joined by the time engine.
+
+pub mod file;
+pub mod kinds;
+mod process;
+
+use std::future::poll_fn;
+use std::io;
+use std::path::PathBuf;
+use std::process::ExitStatus;
+use std::task::Poll;
+use std::time::Duration;
+
+use rustix::thread::CpuSet;
+use tokio::signal::unix::{Signal, SignalKind, signal};
+use torno_protocol::board::{Description, Stimulus};
+use torno_protocol::record::{FromBoard, Setup, ToBoard, Turn, VERSION};
+use torno_protocol::stepping::{BrokenPromise, Stepper};
+use torno_protocol::time::Instant;
+
+use crate::engine::{End, Engine, Fact, LateOutput, Limit, LineId, NodeId};
+use crate::pc::PcUart;
+use file::RigFile;
+use kinds::Steps;
+use process::{BoardProcess, Change};
+
+/// How long a board may take over one turn, in wall time. One that is merely slow is waited for.
+const SLOW_BOARD: Duration = Duration::from_secs(10);
+
+/// Where the boards run.
+#[derive(Clone, Debug)]
+pub enum Driver {
+    /// Each in a process of its own: this program, started anew.
+    Processes {
+        /// The program; it must understand `board KIND`.
+        exe: PathBuf,
+    },
+    /// All in this process.
+    InProcess,
+}
+
+/// What has become of a board's process.
+#[derive(Clone, Debug)]
+pub struct Incident {
+    /// When, in virtual time.
+    pub at: Instant,
+    /// The board's name.
+    pub board: String,
+    /// Its process.
+    pub pid: u32,
+    /// What happened to it.
+    pub what: Mishap,
+}
+
+/// What can happen to a process.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mishap {
+    /// It was stopped.
+    Stopped,
+    /// It was continued.
+    Continued,
+    /// It died.
+    Died(ExitStatus),
+}
+
+impl std::fmt::Display for Incident {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "board '{}' (pid {}) ", self.board, self.pid)?;
+        match self.what {
+            Mishap::Stopped => f.write_str("was stopped: it hangs"),
+            Mishap::Continued => f.write_str("was continued"),
+            Mishap::Died(status) => write!(f, "died: {status}"),
+        }
+    }
+}
+
+/// Why a rig cannot go on. It is the rig itself that broke, not the machine in it.
+#[derive(Debug, thiserror::Error)]
+pub enum RigError {
+    /// A board's process cannot be started.
+    #[error("cannot start board '{board}': {source}")]
+    Launch {
+        /// The board.
+        board: String,
+        /// Why.
+        source: io::Error,
+    },
+    /// A board's process says that it cannot go on.
+    #[error("board '{board}': {message}")]
+    Board {
+        /// The board.
+        board: String,
+        /// Why.
+        message: String,
+    },
+    /// A board has not answered for [`SLOW_BOARD`].
+    #[error("board '{board}' has not answered for {} s", SLOW_BOARD.as_secs())]
+    Slow {
+        /// The board.
+        board: String,
+    },
+    /// A board contradicts itself.
+    #[error("board '{board}': {source}")]
+    BrokenPromise {
+        /// The board.
+        board: String,
+        /// How.
+        source: BrokenPromise,
+    },
+    /// A board contradicts what was settled.
+    #[error(transparent)]
+    LateOutput(#[from] LateOutput),
+    /// There is no such board or line.
+    #[error("there is no board or line named '{name}'")]
+    Unknown {
+        /// The name.
+        name: String,
+    },
+    /// The system refuses something.
+    #[error("cannot watch the boards' processes: {0}")]
+    System(#[from] io::Error),
+}
+
+enum Seat {
+    Local(Box<dyn Steps>),
+    Process(Box<BoardProcess>),
+    Empty,
+}
+
+/// One node of the rig: a board, or the PC's UART.
+pub struct Node {
+    /// Its name.
+    pub name: String,
+    /// What it consists of.
+    pub description: Description,
+    /// Its process, if it has one of its own.
+    pub pid: Option<u32>,
+    seat: Seat,
+}
+
+/// A running rig. Dropping it ends its processes.
+pub struct Rig {
+    engine: Engine,
+    nodes: Vec<Node>,
+    lines: Vec<String>,
+    pc: NodeId,
+    children: Signal,
+    incidents: Vec<Incident>,
+}
+
+impl Rig {
+    /// Starts the boards of `file`, with `pc` for the PC's UART.
+    ///
+    /// # Errors
+    /// [`RigError`] if a board cannot be started.
+    pub async fn start(file: &RigFile, driver: &Driver, pc: PcUart) -> Result<Self, RigError> {
+        // Before the first process, so that no news of one is missed.
+        let children = signal(SignalKind::child())?;
+        let mut rig = Self {
+            engine: Engine::new(),
+            nodes: Vec::new(),
+            lines: Vec::new(),
+            pc: file.boards.len(),
+            children,
+            incidents: Vec::new(),
+        };
+        for board in &file.boards {
+            let seat = seat(board, driver)?;
+            let pid = match &seat {
+                Seat::Process(process) => Some(process.pid().as_raw_nonzero().get() as u32),
+                Seat::Local(_) | Seat::Empty => None,
+            };
+            rig.add_node(Node { name: board.name.clone(), description: board.description.clone(), pid, seat });
+        }
+        let pc: Box<dyn Steps> = Box::new(Stepper::new(pc));
+        rig.add_node(Node { name: "pc".to_owned(), description: pc.description(), pid: None, seat: Seat::Local(pc) });
+        rig.add_link((rig.pc, 0), file.pc.to);
+        file.links.iter().for_each(|[a, b]| rig.add_link(*a, *b));
+        rig.greet().await?;
+        let first = rig.engine.catch_up(Instant::START.next());
+        rig.give(first).await?;
+        Ok(rig)
+    }
+
+    fn add_node(&mut self, node: Node) {
+        self.engine.add_node(node.description.ports.len());
+        self.nodes.push(node);
+    }
+
+    fn add_link(&mut self, a: (NodeId, u8), b: (NodeId, u8)) {
+        for (from, to) in [(a, b), (b, a)] {
+            self.engine.add_line(End { node: from.0, port: from.1 }, End { node: to.0, port: to.1 });
+            self.lines.push(format!("{}_to_{}", self.nodes[from.0].name, self.nodes[to.0].name));
+        }
+    }
+
+    /// Waits until every process has said that it is what it should be.
+    async fn greet(&mut self) -> Result<(), RigError> {
+        for id in 0..self.nodes.len() {
+            let Node { name, description, seat: Seat::Process(process), .. } = &mut self.nodes[id] else { continue };
+            let board = |message: String| RigError::Board { board: name.clone(), message };
+            let answer = tokio::time::timeout(SLOW_BOARD, poll_fn(|context| process.poll_receive(context)));
+            match answer.await.map_err(|_| RigError::Slow { board: name.clone() })? {
+                Ok(Some(FromBoard::Ready { version: VERSION, description: theirs })) if theirs == *description => {}
+                Ok(Some(FromBoard::Ready { version, .. })) => {
+                    return Err(board(format!("expected a board of version {VERSION}, found version {version}")));
+                }
+                Ok(Some(FromBoard::Broken(message))) => return Err(board(message)),
+                Ok(None) => return Err(board("its process ended at once".to_owned())),
+                Ok(Some(FromBoard::Batch(_))) => return Err(board("answered before it was asked".to_owned())),
+                Err(source) => return Err(RigError::Launch { board: name.clone(), source }),
+            }
+        }
+        Ok(())
+    }
+
+    /// Keeps all processes on the processor that this one runs on: they take turns, so a second one only adds the
+    /// cost of waking it.
+    pub fn share_one_processor(&self) {
+        let mut cpus = CpuSet::new();
+        cpus.set(rustix::thread::sched_getcpu());
+        let pids = self.nodes.iter().filter_map(|node| match &node.seat {
+            Seat::Process(process) => Some(process.pid()),
+            Seat::Local(_) | Seat::Empty => None,
+        });
+        for pid in pids.map(Some).chain([None]) {
+            if let Err(error) = rustix::thread::sched_setaffinity(pid, &cpus) {
+                tracing::debug!(%error, "cannot keep the boards on one processor");
+            }
+        }
+    }
+
+    /// The boards and the PC, in the order of the engine's numbers.
+    pub fn nodes(&self) -> &[Node] {
+        &self.nodes
+    }
+
+    /// The names of the lines, in the order of the engine's numbers.
+    pub fn lines(&self) -> &[String] {
+        &self.lines
+    }
+
+    /// The PC's number.
+    pub const fn pc(&self) -> NodeId {
+        self.pc
+    }
+
+    /// The time engine.
+    pub const fn engine(&self) -> &Engine {
+        &self.engine
+    }
+
+    /// What has been settled since the last call.
+    pub fn take_facts(&mut self) -> Vec<Fact> {
+        self.engine.take_facts()
+    }
+
+    /// What has become of processes since the last call.
+    pub fn take_incidents(&mut self) -> Vec<Incident> {
+        core::mem::take(&mut self.incidents)
+    }
+
+    /// Gives a node a stimulus at `at`, or as soon after it as nothing settled is touched. Says when.
+    pub fn stimulate(&mut self, node: NodeId, at: Instant, stimulus: Stimulus) -> Instant {
+        self.engine.stimulate(node, at, stimulus)
+    }
+
+    /// Cuts a line at `at`, or as soon after it as nothing settled is touched.
+    pub fn cut_line(&mut self, line: LineId, at: Instant) {
+        self.engine.cut_line(line, at);
+    }
+
+    /// Lets everything happen that can happen before `limit`.
+    ///
+    /// # Errors
+    /// [`RigError`] if the rig cannot go on.
+    pub async fn advance(&mut self, limit: Limit) -> Result<(), RigError> {
+        while self.step(limit).await? {}
+        Ok(())
+    }
+
+    /// The same by one step; says whether there may be another.
+    ///
+    /// # Errors
+    /// [`RigError`] if the rig cannot go on.
+    pub async fn step(&mut self, limit: Limit) -> Result<bool, RigError> {
+        let turns = self.engine.poll(limit);
+        let some = !turns.is_empty();
+        // A board that had been stopped may still owe an answer.
+        let owed = self.engine.is_waiting();
+        self.give(turns).await?;
+        Ok(some || owed)
+    }
+
+    /// Brings every board to `until`, however little it has to do. For when the rig is quiet.
+    ///
+    /// # Errors
+    /// [`RigError`] if the rig cannot go on.
+    pub async fn catch_up(&mut self, until: Instant) -> Result<(), RigError> {
+        let turns = self.engine.catch_up(until);
+        self.give(turns).await?;
+        self.engine.poll(Limit { until, silence: until });
+        Ok(())
+    }
+
+    /// Waits for news of the processes, and takes note of it.
+    ///
+    /// # Errors
+    /// [`RigError`] if the system refuses to tell.
+    pub async fn news(&mut self) -> Result<(), RigError> {
+        self.children.recv().await;
+        self.look_after_children()
+    }
+
+    /// Gives boards their turns and waits for their answers.
+    async fn give(&mut self, turns: Vec<(NodeId, Turn)>) -> Result<(), RigError> {
+        for (id, turn) in turns {
+            let node = &mut self.nodes[id];
+            match &mut node.seat {
+                Seat::Local(stepper) => {
+                    let answer = stepper.turn(&turn);
+                    let broken = |source| RigError::BrokenPromise { board: node.name.clone(), source };
+                    self.engine.answer(id, answer.map_err(broken)?)?;
+                }
+                // If this fails the process has died: its socket will say so.
+                Seat::Process(process) => {
+                    process.send(&ToBoard::Turn(turn)).ok();
+                }
+                Seat::Empty => {}
+            }
+        }
+        self.collect().await
+    }
+
+    /// Waits until every board that has a turn has answered, or will not.
+    async fn collect(&mut self) -> Result<(), RigError> {
+        if !self.engine.is_waiting() {
+            return Ok(());
+        }
+        let mut patience = std::pin::pin!(tokio::time::sleep(SLOW_BOARD));
+        while self.engine.is_waiting() {
+            let happened = poll_fn(|context| {
+                if self.children.poll_recv(context).is_ready() {
+                    return Poll::Ready(Happened::News);
+                }
+                for (id, node) in self.nodes.iter_mut().enumerate() {
+                    if let Seat::Process(process) = &mut node.seat
+                        && self.engine.awaits(id)
+                        && let Poll::Ready(answer) = process.poll_receive(context)
+                    {
+                        return Poll::Ready(Happened::Answer(id, answer));
+                    }
+                }
+                patience.as_mut().poll(context).map(|()| Happened::Nothing)
+            });
+            match happened.await {
+                Happened::News => self.look_after_children()?,
+                Happened::Answer(id, answer) => self.take_answer(id, answer).await?,
+                Happened::Nothing => {
+                    let slow = (0..self.nodes.len()).find(|id| self.engine.awaits(*id)).unwrap_or_default();
+                    return Err(RigError::Slow { board: self.nodes[slow].name.clone() });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    async fn take_answer(&mut self, id: NodeId, answer: io::Result<Option<FromBoard>>) -> Result<(), RigError> {
+        let name = &self.nodes[id].name;
+        match answer {
+            Ok(Some(FromBoard::Batch(batch))) => Ok(self.engine.answer(id, batch)?),
+            Ok(Some(FromBoard::Broken(message))) => Err(RigError::Board { board: name.clone(), message }),
+            Ok(Some(FromBoard::Ready { .. })) => {
+                Err(RigError::Board { board: name.clone(), message: "introduced itself twice".to_owned() })
+            }
+            Ok(None) | Err(_) => {
+                let Seat::Process(process) = &mut self.nodes[id].seat else { return Ok(()) };
+                let status = process.died().await?;
+                self.bury(id, status);
+                Ok(())
+            }
+        }
+    }
+
+    fn look_after_children(&mut self) -> Result<(), RigError> {
+        for id in 0..self.nodes.len() {
+            while let Seat::Process(process) = &mut self.nodes[id].seat
+                && let Some(change) = process.change()?
+            {
+                match change {
+                    Change::Stopped => {
+                        let at = self.engine.stop(id);
+                        self.note(id, at, Mishap::Stopped);
+                    }
+                    Change::Continued => {
+                        let at = self.engine.resume(id);
+                        self.note(id, at, Mishap::Continued);
+                    }
+                    Change::Died(status) => self.bury(id, status),
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn bury(&mut self, id: NodeId, status: ExitStatus) {
+        let at = self.engine.kill(id);
+        self.nodes[id].seat = Seat::Empty;
+        self.note(id, at, Mishap::Died(status));
+    }
+
+    fn note(&mut self, id: NodeId, at: Instant, what: Mishap) {
+        let Node { name, pid, .. } = &self.nodes[id];
+        self.incidents.push(Incident { at, board: name.clone(), pid: pid.unwrap_or_default(), what });
+    }
+}
+
+enum Happened {
+    News,
+    Answer(NodeId, io::Result<Option<FromBoard>>),
+    Nothing,
+}
+
+fn seat(board: &file::Board, driver: &Driver) -> Result<Seat, RigError> {
+    let file::Board { name, kind, clock, settings, .. } = board;
+    match driver {
+        Driver::InProcess => match kinds::build(kind, settings, *clock) {
+            Ok(stepper) => Ok(Seat::Local(stepper)),
+            Err(error) => Err(RigError::Board { board: name.clone(), message: error.to_string() }),
+        },
+        Driver::Processes { exe } => {
+            let (name, kind, settings) = (name.clone(), kind.clone(), settings.clone());
+            let setup = Setup { version: VERSION, name: name.clone(), kind, clock: *clock, settings };
+            match BoardProcess::launch(exe, setup) {
+                Ok(process) => Ok(Seat::Process(Box::new(process))),
+                Err(source) => Err(RigError::Launch { board: name, source }),
+            }
+        }
+    }
+}

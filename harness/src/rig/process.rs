@@ -1,0 +1,84 @@
+//! A board in a process of its own, at the other end of a socket.
+
+use std::io;
+use std::os::fd::OwnedFd;
+use std::os::unix::net::UnixStream;
+use std::path::Path;
+use std::process::{ExitStatus, Stdio};
+use std::task::{Context, Poll};
+
+use rustix::process::{Pid, WaitId, WaitIdOptions};
+use tokio::process::{Child, Command};
+use torno_protocol::record::{FromBoard, Setup, ToBoard};
+
+use crate::channel::Channel;
+
+/// A board's process.
+#[derive(Debug)]
+pub(super) struct BoardProcess {
+    child: Child,
+    pid: Pid,
+    channel: Channel,
+}
+
+/// What has become of a process.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Change {
+    Stopped,
+    Continued,
+    Died(ExitStatus),
+}
+
+impl BoardProcess {
+    /// Starts `exe board KIND` with a socket for its standard input, and sets it up.
+    pub(super) fn launch(exe: &Path, setup: Setup) -> io::Result<Self> {
+        let (ours, theirs) = UnixStream::pair()?;
+        let child = Command::new(exe)
+            .args(["board", &setup.kind])
+            .stdin(Stdio::from(OwnedFd::from(theirs)))
+            .stdout(Stdio::null())
+            // Ctrl-C in the terminal is for the harness, which then ends its boards.
+            .process_group(0)
+            .kill_on_drop(true)
+            .spawn()?;
+        let pid = child.id().and_then(|id| Pid::from_raw(id as i32)).ok_or(io::ErrorKind::NotFound)?;
+        let mut process = Self { child, pid, channel: Channel::new(ours)? };
+        process.send(&ToBoard::Setup(setup))?;
+        Ok(process)
+    }
+
+    pub(super) fn pid(&self) -> Pid {
+        self.pid
+    }
+
+    pub(super) fn send(&mut self, record: &ToBoard) -> io::Result<()> {
+        self.channel.send(record)
+    }
+
+    /// The board's next record; `None` if the board is gone.
+    pub(super) fn poll_receive(&mut self, context: &mut Context<'_>) -> Poll<io::Result<Option<FromBoard>>> {
+        self.channel.poll_receive(context)
+    }
+
+    /// What has become of the process since the last call.
+    pub(super) fn change(&mut self) -> io::Result<Option<Change>> {
+        if let Some(status) = self.child.try_wait()? {
+            return Ok(Some(Change::Died(status)));
+        }
+        let options = WaitIdOptions::STOPPED | WaitIdOptions::CONTINUED | WaitIdOptions::NOHANG;
+        match rustix::process::waitid(WaitId::Pid(self.pid), options) {
+            Ok(Some(status)) if status.stopped() => Ok(Some(Change::Stopped)),
+            Ok(Some(status)) if status.continued() => Ok(Some(Change::Continued)),
+            Ok(_) => Ok(None),
+            // It has died in between: the next call will say so.
+            Err(rustix::io::Errno::CHILD) => Ok(None),
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    /// Waits for the death of a process whose socket has ended.
+    pub(super) async fn died(&mut self) -> io::Result<ExitStatus> {
+        self.child.start_kill().ok();
+        self.child.wait().await
+    }
+}

@@ -1,0 +1,96 @@
+//! Is the PC on any serial port: sends a program frame by frame, honours the hold, listens to the replies.
+
+use std::io;
+use std::time::Duration;
+
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio_serial::{SerialPortBuilderExt, SerialStream};
+use torno_protocol::lathe::{Conversation, Outcome, Program, Reply, ReplyDecoder};
+
+/// What is to be sent, and where.
+#[derive(Clone, Debug)]
+pub struct Send {
+    /// The program.
+    pub program: Program,
+    /// The serial port.
+    pub port: String,
+    /// Its speed in baud.
+    pub baud: u32,
+    /// How long a frame may go without any answer. While it is held or executed, the wait has no end.
+    pub patience: Duration,
+}
+
+/// Why a program could not be sent to its end.
+#[derive(Debug, thiserror::Error)]
+pub enum SendError {
+    /// The port cannot be opened.
+    #[error("cannot open the serial port '{port}': {source}")]
+    Open {
+        /// The port.
+        port: String,
+        /// Why.
+        source: tokio_serial::Error,
+    },
+    /// The port failed.
+    #[error("the serial port '{port}' failed: {source}")]
+    Port {
+        /// The port.
+        port: String,
+        /// Why.
+        source: io::Error,
+    },
+}
+
+impl Send {
+    /// Sends the program. A frame is sent when the one before it has been acknowledged: the master can hold one while
+    /// the machine works. After a failure nothing more is sent: with a frame missing, the rest would turn another part.
+    ///
+    /// # Errors
+    /// [`SendError`] if the port cannot be opened or fails.
+    pub async fn run(&self, mut heard: impl FnMut(&Conversation, Reply)) -> Result<(Conversation, Outcome), SendError> {
+        let builder = tokio_serial::new(&self.port, self.baud);
+        let open = |source| SendError::Open { port: self.port.clone(), source };
+        let mut port = builder.open_native_async().map_err(open)?;
+        let failed = |source| SendError::Port { port: self.port.clone(), source };
+        let mut conversation = Conversation::default();
+        let mut decoder = ReplyDecoder::default();
+        let mut frames = self.program.frames.iter();
+        loop {
+            if conversation.may_send()
+                && conversation.failures.is_empty()
+                && let Some(frame) = frames.next()
+            {
+                port.write_all(frame).await.map_err(failed)?;
+                conversation.sent();
+            }
+            if conversation.is_over() && (frames.len() == 0 || !conversation.failures.is_empty()) {
+                break;
+            }
+            let Some(bytes) = self.listen(&mut port, &conversation).await.map_err(failed)? else { break };
+            for reply in bytes.into_iter().flat_map(|byte| decoder.push(byte)) {
+                conversation.reply(reply);
+                heard(&conversation, reply);
+            }
+        }
+        let outcome = conversation.outcome(self.program.frames.len());
+        Ok((conversation, outcome))
+    }
+
+    /// The next bytes; `None` if a frame has gone without an answer for too long.
+    async fn listen(&self, port: &mut SerialStream, conversation: &Conversation) -> io::Result<Option<Vec<u8>>> {
+        let mut bytes = [0; 64];
+        let read = port.read(&mut bytes);
+        let read = if conversation.stopped || conversation.unanswered() == 0 {
+            read.await
+        } else {
+            match tokio::time::timeout(self.patience, read).await {
+                Ok(read) => read,
+                Err(_) => return Ok(None),
+            }
+        };
+        match read? {
+            0 => Err(io::ErrorKind::UnexpectedEof.into()),
+            n => Ok(Some(bytes[..n].to_vec())),
+        }
+    }
+}

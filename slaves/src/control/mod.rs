@@ -1,0 +1,11 @@
+//! Control laws.
+
+mod lead;
+mod on_off;
+mod pid;
+mod profile;
+
+pub(crate) use lead::Lead;
+pub(crate) use on_off::OnOff;
+pub(crate) use pid::{Gains, Pid};
+pub(crate) use profile::Profile;

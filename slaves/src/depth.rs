@@ -1,0 +1,218 @@
+//! The infeed axis's board (§4): a slow motor that is switched on and off.
+
+use serde::{Deserialize, Serialize};
+use torno_protocol::clock::Clock;
+use torno_protocol::lathe::{DepthPart, Fault, Refusal};
+use torno_protocol::time::Instant;
+
+use crate::control::OnOff;
+use crate::encoder::Encoder;
+use crate::plant::PositionMotor;
+use crate::settings::within;
+use crate::slave::{Machine, Progress, Slave};
+
+/// In position for so many polls, the axis is done. (Ours.)
+const SETTLED_POLLS: u32 = 4;
+/// How near the target is in position, in slots. (Ours.)
+const IN_POSITION: i64 = 1;
+/// Driven for so many slot times without a slot, the axis is stalled. (Ours.)
+const STALL_SLOTS: f64 = 3.0;
+
+/// The settings of the infeed axis's board.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct DepthSettings {
+    /// The motor's time constant, in s: 0.001 to 10. Default 0.05. (Ours.)
+    pub tau_s: f64,
+    /// The lead of the screw, in mm per revolution: 0.1 to 100. Default 2. (Ours; the paper gives none.)
+    pub pitch_mm: f64,
+    /// The motor's speed when driven, in rpm: 0.1 to 1000. Default 8 (§4).
+    pub rpm: f64,
+    /// The time between polls of the encoder, in ms: 1 to 1000. Default 10. (Ours.)
+    pub poll_ms: u32,
+    /// The slots of the linear encoder: 2 to 1000000. Default 900 (§4).
+    pub slots: u32,
+    /// The length of the linear encoder, which is also the travel, in mm: 1 to 10000. Default 160 (§4). A slot is
+    /// 0.1778 mm (the paper prints 0.17).
+    pub length_mm: f64,
+}
+
+impl Default for DepthSettings {
+    fn default() -> Self {
+        Self { tau_s: 0.05, pitch_mm: 2.0, rpm: 8.0, poll_ms: 10, slots: 900, length_mm: 160.0 }
+    }
+}
+
+impl DepthSettings {
+    /// Checks every field's range.
+    ///
+    /// # Errors
+    /// The first field that is out of range: its name, what was expected, what was found.
+    pub fn check(&self) -> Result<(), String> {
+        within("tau_s", self.tau_s, 0.001, 10.0)?;
+        within("pitch_mm", self.pitch_mm, 0.1, 100.0)?;
+        within("rpm", self.rpm, 0.1, 1_000.0)?;
+        within("poll_ms", self.poll_ms, 1.0, 1_000.0)?;
+        within("slots", self.slots, 2.0, 1e6)?;
+        within("length_mm", self.length_mm, 1.0, 10_000.0)
+    }
+
+    fn speed_mm_per_s(&self) -> f64 {
+        self.pitch_mm * self.rpm / 60.0
+    }
+
+    fn slots_per_mm(&self) -> f64 {
+        f64::from(self.slots) / self.length_mm
+    }
+
+    /// At least two, for a motor that passes several slots from poll to poll.
+    fn stall_polls(&self) -> u32 {
+        let polls_per_slot = 1_000.0 / (self.slots_per_mm() * self.speed_mm_per_s() * f64::from(self.poll_ms));
+        (STALL_SLOTS * polls_per_slot).ceil().max(2.0) as u32
+    }
+}
+
+/// The infeed axis's board.
+///
+/// It executes a sub-frame until the drive is off and the axis has been within one slot of its target for four polls.
+pub type Depth = Slave<DepthMachine, { DepthPart::LENGTH }, 3>;
+
+impl Depth {
+    /// The board as at power-on: the slide stands in mid-travel.
+    pub fn new(settings: &DepthSettings, clock: Clock) -> Self {
+        Self::with(DepthMachine::new(settings), settings.poll_ms, clock)
+    }
+}
+
+/// The infeed axis and its control law.
+#[derive(Clone, Debug)]
+pub struct DepthMachine {
+    motor: PositionMotor,
+    speed_mm_per_s: f64,
+    encoder: Encoder,
+    firmware: Firmware,
+}
+
+#[derive(Clone, Debug)]
+struct Firmware {
+    law: OnOff,
+    stall_polls: u32,
+    /// Where the axis was last sent. Lost with a reset or a fault: then it is where the axis stands.
+    target: Option<i64>,
+    count: i64,
+    /// Polls in a row in position, and without a slot.
+    settled: u32,
+    still: u32,
+}
+
+impl Firmware {
+    fn new(settings: &DepthSettings) -> Self {
+        let stall_polls = settings.stall_polls();
+        Self { law: OnOff::default(), stall_polls, target: Some(0), count: 0, settled: 0, still: 0 }
+    }
+
+    fn remaining(&self) -> i64 {
+        self.target.map_or(0, |target| target.saturating_sub(self.count))
+    }
+
+    fn start(&mut self, part: DepthPart) {
+        let distance = part.direction().sign() * i64::from(part.distance());
+        self.target = Some(self.target.unwrap_or(self.count).saturating_add(distance));
+        self.settled = 0;
+        self.still = 0;
+        if distance != 0 {
+            self.law.start(self.remaining());
+        }
+    }
+
+    fn switch_off(&mut self) {
+        self.law.stop();
+        self.target = None;
+    }
+
+    fn poll(&mut self, moved: bool) -> Progress {
+        self.still = if moved { 0 } else { self.still.saturating_add(1) };
+        if self.law.drive() != 0 && self.still >= self.stall_polls {
+            return Progress::Failed(Fault::Stalled);
+        }
+        let driven = self.law.drive() != 0;
+        self.law.step(self.remaining(), self.still >= SETTLED_POLLS);
+        if driven != (self.law.drive() != 0) {
+            self.still = 0;
+        }
+        let settled = self.law.drive() == 0 && self.remaining().abs() <= IN_POSITION;
+        self.settled = if settled { self.settled + 1 } else { 0 };
+        if self.settled >= SETTLED_POLLS { Progress::Done } else { Progress::Going }
+    }
+}
+
+impl DepthMachine {
+    fn new(settings: &DepthSettings) -> Self {
+        Self {
+            motor: PositionMotor::new(settings.tau_s, settings.length_mm / 2.0),
+            speed_mm_per_s: settings.speed_mm_per_s(),
+            encoder: Encoder::new(settings.slots_per_mm()),
+            firmware: Firmware::new(settings),
+        }
+    }
+
+    fn advance(&mut self, now: Instant) -> bool {
+        self.motor.advance(now);
+        let before = self.firmware.count;
+        self.firmware.count = self.encoder.count(self.motor.position());
+        self.firmware.count != before
+    }
+
+    fn apply(&mut self) {
+        self.motor.drive(self.speed_mm_per_s * self.firmware.law.drive() as f64);
+    }
+}
+
+impl Machine<{ DepthPart::LENGTH }, 3> for DepthMachine {
+    const SIGNALS: [&'static str; 3] = ["position_counts", "remaining_counts", "drive"];
+
+    fn values(&self) -> [i64; 3] {
+        [self.firmware.count, self.firmware.remaining(), self.firmware.law.drive()]
+    }
+
+    fn start(&mut self, now: Instant, part: [u8; DepthPart::LENGTH]) -> Result<(), Refusal> {
+        let part = DepthPart::parse(part)?;
+        self.advance(now);
+        self.firmware.start(part);
+        self.apply();
+        Ok(())
+    }
+
+    fn sample(&mut self, now: Instant, busy: bool) -> Progress {
+        let moved = self.advance(now);
+        if !busy {
+            return Progress::Going;
+        }
+        let end_stop = self.motor.end_stop();
+        let progress = if end_stop != 0 && end_stop == self.firmware.law.drive() {
+            Progress::Failed(Fault::EndOfTravel)
+        } else {
+            self.firmware.poll(moved)
+        };
+        if let Progress::Failed(_) = progress {
+            self.firmware.switch_off();
+        }
+        self.apply();
+        progress
+    }
+
+    fn stall(&mut self, now: Instant, blocked: bool) {
+        self.motor.advance(now);
+        self.motor.block(blocked);
+    }
+
+    fn reset(&mut self, now: Instant) {
+        self.advance(now);
+        self.firmware.switch_off();
+        self.apply();
+    }
+
+    fn is_at_rest(&self) -> bool {
+        self.firmware.law.drive() == 0 && self.encoder.count(self.motor.coast_end()) == self.firmware.count
+    }
+}

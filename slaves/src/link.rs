@@ -1,0 +1,403 @@
+//! The link to the master: the part of the firmware that all slaves share.
+//!
+//! The master sends a sub-frame, the slave executes it and then says `ACK`, or `CAN` and a letter if it fails. Asked
+//! with `ENQ`, it says `BEL` while busy, `CAN` and the letter while a fault stands, and else `ACK`.
+//! (Ours: the paper only says that the slaves report the end of their process, §3.)
+
+use std::collections::VecDeque;
+
+use torno_protocol::clock::Clock;
+use torno_protocol::lathe::{ACK, BEL, CAN, CHARACTER, ENQ, Fault, RATE, Refusal};
+use torno_protocol::time::{Instant, Span};
+use torno_protocol::uart::{Character, Loaded, Transmitter};
+
+/// The longest time from one delivery to the next within a sub-frame, in characters of the slave's clock.
+///
+/// A delivery comes with a character's last sample; so this is one character and a silence of two. (Ours.)
+const GAP_CHARACTERS: u64 = 3;
+
+/// What the firmware tells, in the order of the boards' event texts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Event {
+    /// The value is the byte.
+    Dropped,
+    /// The value is the number of bytes.
+    CutShort,
+    /// The value is the reason's letter.
+    Refused,
+    FramingError,
+    Overrun,
+    Done,
+    Stalled,
+    EndOfTravel,
+    Reset,
+}
+
+impl Event {
+    const TEXTS: [(Self, &'static str); 9] = [
+        (Self::Dropped, "dropped byte {} out of place"),
+        (Self::CutShort, "sub-frame cut short after {} bytes"),
+        (Self::Refused, "sub-frame refused ({c})"),
+        (Self::FramingError, "framing error"),
+        (Self::Overrun, "overrun"),
+        (Self::Done, "done"),
+        (Self::Stalled, "stalled"),
+        (Self::EndOfTravel, "end of travel"),
+        (Self::Reset, "reset"),
+    ];
+
+    /// All texts, in order.
+    pub(crate) fn texts() -> Vec<String> {
+        Self::TEXTS.iter().map(|(_, text)| (*text).to_owned()).collect()
+    }
+
+    /// The place among the texts.
+    pub(crate) const fn place(self) -> u8 {
+        self as u8
+    }
+
+    const fn of(fault: Fault) -> Self {
+        match fault {
+            Fault::EndOfTravel => Self::EndOfTravel,
+            // A slave that does not answer cannot say so: it only ever finds itself stalled.
+            Fault::Stalled | Fault::NoAnswer => Self::Stalled,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum State {
+    Idle,
+    Busy,
+    Faulted(Fault),
+}
+
+/// The slave's end of the link, for sub-frames of `N` bytes.
+#[derive(Clone, Debug)]
+pub(crate) struct Link<const N: usize> {
+    gap: Span,
+    state: State,
+    part: [u8; N],
+    length: usize,
+    heard_at: Instant,
+    /// Something was out of place: until the next gap nobody knows where a sub-frame would start.
+    out_of_step: bool,
+    transmitter: Transmitter,
+    events: VecDeque<(Event, i64)>,
+}
+
+impl<const N: usize> Link<N> {
+    /// An idle link of a slave whose clock is `clock`.
+    pub(crate) fn new(clock: Clock) -> Self {
+        Self {
+            gap: clock.span(CHARACTER.times(GAP_CHARACTERS)),
+            state: State::Idle,
+            part: [0; N],
+            length: 0,
+            heard_at: Instant::START,
+            out_of_step: false,
+            transmitter: Transmitter::hardware(RATE, clock),
+            events: VecDeque::new(),
+        }
+    }
+
+    pub(crate) fn is_busy(&self) -> bool {
+        self.state == State::Busy
+    }
+
+    /// Something will be sent although nothing more is received.
+    pub(crate) fn is_about_to_speak(&self) -> bool {
+        self.is_busy() || self.transmitter.poll_timeout().is_some() || self.holds_enquiry()
+    }
+
+    /// Takes a character; gives the sub-frame that is complete with it.
+    pub(crate) fn receive(&mut self, now: Instant, character: Character) -> Option<[u8; N]> {
+        if now > self.heard_at + self.gap {
+            self.gap_passed();
+        }
+        self.heard_at = now;
+        let Some(byte) = character.ok() else {
+            self.tell(if character.framing_error { Event::FramingError } else { Event::Overrun }, 0);
+            return self.lose_step();
+        };
+        if byte == ENQ && (N == 1 || self.is_busy()) {
+            self.answer();
+            return None;
+        }
+        if self.is_busy() || (N > 1 && self.out_of_step) {
+            self.tell(Event::Dropped, i64::from(byte));
+            return self.lose_step();
+        }
+        self.part[self.length] = byte;
+        self.length += 1;
+        if self.length < N {
+            return None;
+        }
+        self.length = 0;
+        Some(self.part)
+    }
+
+    /// The sub-frame cannot be executed. The master is told nothing: it asks.
+    pub(crate) fn refuse(&mut self, refusal: Refusal) {
+        self.tell(Event::Refused, i64::from(refusal.letter()));
+    }
+
+    /// The sub-frame is being executed from now on.
+    pub(crate) const fn start(&mut self) {
+        self.state = State::Busy;
+    }
+
+    /// The sub-frame has been executed.
+    pub(crate) fn finish(&mut self) {
+        self.state = State::Idle;
+        self.tell(Event::Done, 0);
+        self.transmitter.push(ACK);
+    }
+
+    /// The machine has failed and stands until it gets another sub-frame.
+    pub(crate) fn fail(&mut self, fault: Fault) {
+        self.state = State::Faulted(fault);
+        self.tell(Event::of(fault), 0);
+        self.answer();
+    }
+
+    /// The firmware starts anew. A character on the line goes on.
+    pub(crate) fn reset(&mut self) {
+        self.state = State::Idle;
+        self.length = 0;
+        self.out_of_step = false;
+        self.transmitter.clear();
+        self.tell(Event::Reset, 0);
+    }
+
+    /// When the silence in a sub-frame has been too long, or the next character can be sent.
+    pub(crate) fn poll_timeout(&self) -> Option<(Instant, &'static str)> {
+        let gap = (self.length > 0).then_some((self.heard_at + self.gap, "gap in a sub-frame"));
+        let send = self.transmitter.poll_timeout().map(|at| (at, "transmitter free"));
+        gap.into_iter().chain(send).reduce(|a, b| if b.0 < a.0 { b } else { a })
+    }
+
+    pub(crate) fn handle_timeout(&mut self, now: Instant) {
+        if self.length > 0 && now >= self.heard_at + self.gap {
+            self.gap_passed();
+        }
+    }
+
+    pub(crate) fn poll_event(&mut self) -> Option<(Event, i64)> {
+        self.events.pop_front()
+    }
+
+    /// The next character that can go on the line at `now`.
+    pub(crate) fn poll_character(&mut self, now: Instant) -> Option<Loaded> {
+        self.transmitter.load(now)
+    }
+
+    fn gap_passed(&mut self) {
+        self.out_of_step = false;
+        if self.holds_enquiry() {
+            self.answer();
+        } else if self.length > 0 {
+            self.tell(Event::CutShort, self.length as i64);
+        }
+        self.length = 0;
+    }
+
+    /// A sub-frame may begin with the byte of an enquiry; only the silence after it tells them apart.
+    fn holds_enquiry(&self) -> bool {
+        self.length == 1 && self.part[0] == ENQ
+    }
+
+    fn answer(&mut self) {
+        match self.state {
+            State::Idle => self.transmitter.push(ACK),
+            State::Busy => self.transmitter.push(BEL),
+            State::Faulted(fault) => {
+                self.transmitter.push(CAN);
+                self.transmitter.push(fault.letter());
+            }
+        }
+    }
+
+    fn lose_step(&mut self) -> Option<[u8; N]> {
+        self.length = 0;
+        self.out_of_step = true;
+        None
+    }
+
+    fn tell(&mut self, event: Event, value: i64) {
+        self.events.push_back((event, value));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: u64 = 1_000_000;
+
+    /// What is sent and told after bytes that are delivered at the given times, in microseconds.
+    struct Heard<const N: usize> {
+        link: Link<N>,
+        taken: Vec<[u8; N]>,
+    }
+
+    impl<const N: usize> Heard<N> {
+        fn new() -> Self {
+            Self { link: Link::new(Clock::TRUE), taken: Vec::new() }
+        }
+
+        fn byte(&mut self, us: u64, byte: u8) {
+            self.character(us, Character::good(byte));
+        }
+
+        fn character(&mut self, us: u64, character: Character) {
+            self.taken.extend(self.link.receive(Instant::from_nanos(us * 1_000), character));
+        }
+
+        fn silence(&mut self, us: u64) {
+            self.link.handle_timeout(Instant::from_nanos(us * 1_000));
+        }
+
+        fn sent(&mut self) -> Vec<u8> {
+            let mut sent = Vec::new();
+            while let Some(loaded) =
+                self.link.poll_character(Instant::from_nanos(1_000_000 * MS).max(self.link.transmitter.free_at()))
+            {
+                sent.push(loaded.byte);
+            }
+            sent
+        }
+
+        fn told(&mut self) -> Vec<(Event, i64)> {
+            core::iter::from_fn(|| self.link.poll_event()).collect()
+        }
+    }
+
+    #[test]
+    fn the_events_are_in_the_order_of_their_texts() {
+        for (place, (event, _)) in Event::TEXTS.iter().enumerate() {
+            assert_eq!(usize::from(event.place()), place);
+        }
+    }
+
+    #[test]
+    fn bytes_three_characters_apart_are_one_sub_frame() {
+        let mut heard = Heard::<3>::new();
+        [0, 3_124, 6_248].iter().zip([1, 2, 3]).for_each(|(us, byte)| heard.byte(*us, byte));
+        assert_eq!(heard.taken, [[1, 2, 3]]);
+        assert!(heard.link.poll_timeout().is_none());
+    }
+
+    #[test]
+    fn a_longer_gap_drops_what_came_before_it() {
+        let mut heard = Heard::<3>::new();
+        heard.byte(0, 1);
+        heard.byte(1_042, 2);
+        assert_eq!(heard.link.poll_timeout().unwrap().0.as_nanos(), 1_042_000 + 3 * CHARACTER.as_nanos());
+        // After a hang the timer has not been seen to; the silence counts all the same.
+        heard.byte(4_168, 3);
+        heard.byte(5_210, 4);
+        heard.byte(6_252, 5);
+        assert_eq!(heard.taken, [[3, 4, 5]]);
+        assert_eq!(heard.told(), [(Event::CutShort, 2)]);
+    }
+
+    #[test]
+    fn a_lone_enq_is_an_enquiry_after_the_gap() {
+        let mut heard = Heard::<4>::new();
+        heard.byte(0, ENQ);
+        heard.silence(3_124);
+        assert!(heard.link.is_about_to_speak());
+        assert_eq!(heard.sent(), []);
+        heard.silence(3_125);
+        assert!(heard.link.is_about_to_speak());
+        assert_eq!(heard.sent(), [ACK]);
+        assert!(!heard.link.is_about_to_speak());
+    }
+
+    #[test]
+    fn a_sub_frame_may_begin_with_05() {
+        let mut heard = Heard::<4>::new();
+        (0..4).zip([ENQ, 0, 9, 1]).for_each(|(n, byte)| heard.byte(n * 1_042, byte));
+        heard.silence(20_000);
+        assert_eq!(heard.taken, [[ENQ, 0, 9, 1]]);
+        assert_eq!(heard.sent(), []);
+    }
+
+    #[test]
+    fn two_enquiries_at_once_are_none() {
+        let mut heard = Heard::<4>::new();
+        heard.byte(0, ENQ);
+        heard.byte(1_042, ENQ);
+        heard.silence(20_000);
+        assert_eq!((heard.sent(), heard.told()), (vec![], vec![(Event::CutShort, 2)]));
+    }
+
+    #[test]
+    fn a_spindle_answers_enq_at_once() {
+        let mut heard = Heard::<1>::new();
+        heard.byte(0, ENQ);
+        assert_eq!((heard.sent(), heard.taken.len()), (vec![ACK], 0));
+    }
+
+    #[test]
+    fn while_busy_enq_gives_bel_and_the_rest_is_dropped() {
+        let mut heard = Heard::<3>::new();
+        heard.link.start();
+        heard.byte(0, 9);
+        heard.byte(1_042, ENQ);
+        assert_eq!((heard.sent(), heard.told()), (vec![BEL], vec![(Event::Dropped, 9)]));
+        // What was begun while busy is not taken for a sub-frame after it.
+        heard.link.finish();
+        (2..5).for_each(|n| heard.byte(n * 1_042, 0));
+        assert_eq!((heard.taken.len(), heard.sent()), (0, vec![ACK]));
+        (0..3).for_each(|n| heard.byte(20_000 + n * 1_042, 0));
+        assert_eq!(heard.taken.len(), 1);
+    }
+
+    #[test]
+    fn a_standing_fault_is_told_again_until_the_next_start() {
+        let mut heard = Heard::<1>::new();
+        heard.link.start();
+        heard.link.fail(Fault::Stalled);
+        assert_eq!(heard.sent(), [CAN, b's']);
+        heard.byte(0, ENQ);
+        assert_eq!(heard.sent(), [CAN, b's']);
+        heard.link.start();
+        heard.link.finish();
+        heard.byte(0, ENQ);
+        assert_eq!(heard.sent(), [ACK, ACK]);
+    }
+
+    #[test]
+    fn a_bad_character_drops_the_sub_frame_up_to_the_next_gap() {
+        for (bad, event) in [
+            (Character { byte: 1, framing_error: true, overrun: false }, Event::FramingError),
+            (Character { byte: 1, framing_error: false, overrun: true }, Event::Overrun),
+        ] {
+            let mut heard = Heard::<3>::new();
+            heard.byte(0, 0);
+            heard.character(1_042, bad);
+            (2..6).for_each(|n| heard.byte(n * 1_042, 0));
+            assert_eq!(heard.taken.len(), 0);
+            assert_eq!(heard.told()[0], (event, 0));
+            (0..3).for_each(|n| heard.byte(20_000 + n * 1_042, 0));
+            assert_eq!(heard.taken.len(), 1);
+        }
+    }
+
+    #[test]
+    fn a_reset_forgets_what_was_begun() {
+        let mut heard = Heard::<3>::new();
+        heard.byte(0, ENQ);
+        heard.link.reset();
+        assert_eq!((heard.link.poll_timeout(), heard.link.is_about_to_speak()), (None, false));
+        heard.silence(20_000);
+        assert_eq!(heard.sent(), []);
+        // Of a fault and its letter, what is not on the line yet is lost.
+        heard.link.fail(Fault::Stalled);
+        assert_eq!(heard.link.poll_character(Instant::START).map(|loaded| loaded.byte), Some(CAN));
+        heard.link.reset();
+        assert_eq!(heard.sent(), []);
+    }
+}

@@ -1,0 +1,8 @@
+//! Plants: what the firmware drives and cannot know but through its encoder.
+
+mod lag;
+mod position;
+mod speed;
+
+pub(crate) use position::PositionMotor;
+pub(crate) use speed::SpeedMotor;

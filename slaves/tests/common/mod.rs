@@ -1,0 +1,122 @@
+//! A bench: one board, a line to it, and a record of what it does.
+
+#![allow(dead_code, reason = "each test file uses a part of it")]
+#![allow(clippy::unwrap_used, reason = "part of tests")]
+
+use torno_protocol::board::{Board, Input, Output, Stimulus, event_text};
+use torno_protocol::clock::Clock;
+use torno_protocol::lathe::{CHARACTER, RATE};
+use torno_protocol::time::{Instant, Span};
+use torno_protocol::uart::{Character, Receiver};
+
+#[derive(Clone)]
+pub(crate) struct Bench<B> {
+    pub(crate) board: B,
+    pub(crate) now: Instant,
+    pub(crate) hung: bool,
+    pub(crate) outputs: Vec<(Instant, Output)>,
+    line: Receiver,
+    /// The bytes that the board has sent, and when each could be read.
+    pub(crate) sent: Vec<(Instant, u8)>,
+}
+
+impl<B: Board> Bench<B> {
+    pub(crate) fn new(board: B) -> Self {
+        let line = Receiver::hardware(RATE, Clock::TRUE);
+        Self { board, now: Instant::START, hung: false, outputs: Vec::new(), line, sent: Vec::new() }
+    }
+
+    /// Lets everything happen that is due before `t`.
+    pub(crate) fn run_to(&mut self, t: Instant) {
+        while let Some(at) =
+            self.board.poll_timeout().map(|next| next.at.max(self.now)).filter(|at| *at < t && !self.hung)
+        {
+            self.now = at;
+            self.board.handle_timeout(at);
+            self.drain();
+        }
+        self.now = t;
+    }
+
+    pub(crate) fn run_ms(&mut self, ms: u64) {
+        self.run_to(self.now + Span::from_millis(ms));
+    }
+
+    /// Runs until the board is mute; gives up after `limit_s` seconds.
+    pub(crate) fn run_until_mute(&mut self, limit_s: u64) -> bool {
+        let limit = self.now + Span::from_secs(limit_s);
+        while !self.board.mute() && self.now < limit {
+            self.run_ms(10);
+        }
+        self.board.mute()
+    }
+
+    pub(crate) fn hear(&mut self, input: Input) {
+        self.board.handle_input(self.now, input);
+        self.drain();
+    }
+
+    pub(crate) fn character(&mut self, character: Character) {
+        self.hear(Input::Character { port: 0, character });
+    }
+
+    pub(crate) fn stimulus(&mut self, stimulus: Stimulus) {
+        self.hear(Input::Stimulus(stimulus));
+    }
+
+    /// Delivers bytes at the speed of the line, the first one character from now.
+    pub(crate) fn send(&mut self, bytes: &[u8]) {
+        for byte in bytes {
+            self.run_to(self.now + CHARACTER);
+            self.character(Character::good(*byte));
+        }
+    }
+
+    fn drain(&mut self) {
+        while let Some(output) = self.board.poll_output() {
+            if let Output::Character { edges, .. } = &output {
+                assert!(edges[0].at >= self.now);
+                self.line.hear(edges);
+                while let Some(at) = self.line.poll_timeout() {
+                    self.sent.extend(self.line.take(at).and_then(Character::ok).map(|byte| (at, byte)));
+                }
+            }
+            self.outputs.push((self.now, output));
+        }
+    }
+
+    /// The bytes sent since the last call.
+    pub(crate) fn replies(&mut self) -> Vec<u8> {
+        self.sent.drain(..).map(|(_, byte)| byte).collect()
+    }
+
+    /// A quantity's values and since when each holds.
+    pub(crate) fn history(&self, name: &str) -> Vec<(Instant, i64)> {
+        let description = self.board.description();
+        let wanted = description.signals.iter().position(|signal| signal.name == name).unwrap();
+        let mut history = vec![(Instant::START, description.signals[wanted].initial)];
+        history.extend(self.outputs.iter().filter_map(|(at, output)| match output {
+            Output::Telemetry { signal, value } if usize::from(*signal) == wanted => Some((*at, *value)),
+            _ => None,
+        }));
+        history
+    }
+
+    pub(crate) fn value(&self, name: &str) -> i64 {
+        self.history(name).last().unwrap().1
+    }
+
+    /// The events' texts since the start.
+    pub(crate) fn events(&self) -> Vec<String> {
+        let texts = self.board.description().events;
+        let event = |(_, output): &(Instant, Output)| match output {
+            Output::Event { event, value } => Some(event_text(&texts[usize::from(*event)], *value)),
+            _ => None,
+        };
+        self.outputs.iter().filter_map(event).collect()
+    }
+}
+
+pub(crate) const fn s(seconds: u64) -> u64 {
+    1_000 * seconds
+}
