@@ -221,7 +221,7 @@ mod tests {
 
     #[test]
     fn bytes_leave_at_the_baud_rate() {
-        assert_eq!(sent(uart(1), &[], ms(1) + Span::from_nanos(10_416_668)).len(), 11);
+        assert_eq!(sent(uart(1), &[], ms(1) + Span::from_nanos(10_416_671)).len(), 11);
         assert_eq!(sent(uart(1), &[], ms(100)).len(), 32);
     }
 

@@ -15,7 +15,7 @@ use rustix::fs::inotify::{self, CreateFlags, ReadFlags, Reader, WatchFlags};
 use rustix::io::Errno;
 use tokio::io::unix::AsyncFd;
 
-use super::pty;
+use crate::readable::readable;
 
 /// What became of the port's clients as a whole.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,7 +44,7 @@ impl Clients {
         let folder = slave.parent().ok_or(Errno::NOENT)?;
         inotify::add_watch(&notices, folder, both | WatchFlags::ONLYDIR)?;
         let slave = inotify::add_watch(&notices, slave, both)?;
-        Ok(Clients { notices: pty::readable(notices)?, slave, count: 0, changes: VecDeque::new(), lost_count: false })
+        Ok(Clients { notices: readable(notices)?, slave, count: 0, changes: VecDeque::new(), lost_count: false })
     }
 
     #[cfg(test)]

@@ -60,8 +60,8 @@ impl PcPort {
         self.link.path()
     }
 
-    /// What the client has set its line to by now: worth asking before each character, and only until
-    /// [`Closed`](PortEvent::Closed). From then on these are the rig's settings.
+    /// What a client has set the line to by now. As with a serial adapter, it stays so when the client closes: that is
+    /// why `stty -F PORT` works.
     ///
     /// # Errors
     ///
@@ -135,9 +135,6 @@ impl PcPort {
             Some(Change::LastClosed) => {
                 self.told_open = false;
                 self.notice_clients()?;
-                if self.clients.nobody() {
-                    self.pty.reset_settings()?;
-                }
                 Ok(Some(PortEvent::Closed))
             }
             None => Ok(None),
@@ -145,7 +142,7 @@ impl PcPort {
     }
 
     /// Takes in who opened and closed the port, and cleans up behind the last client at once: the next must find
-    /// neither its replies nor its stops. Its settings stay until its bytes are read.
+    /// neither its replies nor its stops.
     fn notice_clients(&mut self) -> io::Result<()> {
         if self.clients.look()? {
             self.pty.forget_replies_and_restart()?;

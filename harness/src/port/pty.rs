@@ -14,10 +14,10 @@ use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{
     self, Action, ControlModes, InputModes, OptionalActions, QueueSelector, Termios, ioctl_tiocnxcl,
 };
-use tokio::io::Interest;
 use tokio::io::unix::AsyncFd;
 
 use super::PortError;
+use crate::readable::readable;
 
 /// Bytes of one read: what the kernel's line discipline holds, and the status byte.
 const READ_MAX: usize = 4096 + 1;
@@ -56,8 +56,6 @@ pub(super) struct Pty {
     /// Kept open so that the master never sees a hang-up, and to act on the client's side of the tty.
     slave: OwnedFd,
     path: PathBuf,
-    /// The rig's settings, which every client finds.
-    rest: Termios,
     buffer: Box<[u8]>,
     /// Bytes that were in the master's line discipline at the last look, before which no flush went unnoticed.
     backlog: usize,
@@ -76,15 +74,15 @@ impl Pty {
         let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC | OFlags::NONBLOCK;
         let slave = fs::open(&path, flags, Mode::empty()).map_err(step("open the new pty's slave side"))?;
         make_private(&slave).map_err(step("make the new pty the user's alone"))?;
-        let rest = set_line(&slave, baud).map_err(step("set the new pty's speed"))?;
-        if baud == 0 || rest.output_speed() != baud {
+        let set = set_line(&slave, baud).map_err(step("set the new pty's speed"))?;
+        if baud == 0 || set.output_speed() != baud {
             return Err(PortError::Baud { baud });
         }
         packet_mode(&master)
             .and_then(|()| ioctl_fionbio(&master, true))
             .map_err(step("put the new pty into packet mode"))?;
         let master = readable(master).map_err(PortError::watch)?;
-        Ok(Pty { master, slave, path, rest, buffer: vec![0; READ_MAX].into(), backlog: 0 })
+        Ok(Pty { master, slave, path, buffer: vec![0; READ_MAX].into(), backlog: 0 })
     }
 
     pub(super) fn path(&self) -> &Path {
@@ -178,18 +176,6 @@ impl Pty {
     pub(super) fn clear_exclusive(&self) -> io::Result<()> {
         Ok(ioctl_tiocnxcl(&self.slave)?)
     }
-
-    /// Sets the rig's speed, 8N1, raw.
-    pub(super) fn reset_settings(&self) -> io::Result<()> {
-        Ok(termios::tcsetattr(&self.slave, OptionalActions::Now, &self.rest)?)
-    }
-}
-
-/// Lets a task wait until there is something to read. Writes never wait, so no interest in those.
-// The unsafe function that replaces this one asks that the descriptor stay the same and open: an `OwnedFd` does.
-#[allow(deprecated)]
-pub(super) fn readable(fd: OwnedFd) -> io::Result<AsyncFd<OwnedFd>> {
-    AsyncFd::with_interest(fd, Interest::READABLE)
 }
 
 /// The current user's, mode 0600: a mount option of devpts may say otherwise.

@@ -1,0 +1,175 @@
+//! What the tests of the whole share: the program under test, a rig that is up, a PC at its port.
+
+#![allow(dead_code, reason = "no test uses all of it")]
+
+use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+use serialport::{SerialPort, TTYPort};
+
+/// How long anything may take before a test gives it up. Never waited for in a test that passes.
+pub const PATIENCE: Duration = Duration::from_secs(60);
+
+pub const ACK: u8 = 0x06;
+pub const XON: u8 = 0x11;
+pub const XOFF: u8 = 0x13;
+pub const NAK: u8 = 0x15;
+pub const CAN: u8 = 0x18;
+
+/// Moves nothing and leaves the spindle standing: done after a few samples.
+pub const AT_REST: [u8; 8] = [0; 8];
+/// Spindle to 200 rpm, feed 225 counts, depth 1 slot out: done after about a second.
+pub const SHORT: [u8; 8] = [0x0a, 0xe1, 0x00, 0xe1, 0x00, 0x00, 0x01, 0x00];
+/// Depth 400 slots: four and a half minutes.
+pub const LONG: [u8; 8] = [0x00, 0x00, 0x00, 0x00, 0x00, 0x01, 0x90, 0x00];
+
+/// The program under test.
+pub fn torno(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_torno"));
+    command.args(arguments).env_remove("RUST_LOG").stdin(Stdio::null());
+    command
+}
+
+/// Runs it to its end.
+pub fn output(arguments: &[&str]) -> Output {
+    torno(arguments).output().unwrap()
+}
+
+/// What it printed as JSON, one line.
+pub fn json(output: &Output) -> Value {
+    let text = std::str::from_utf8(&output.stdout).unwrap();
+    assert_eq!(text.lines().count(), 1, "{text}\n{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_str(text).unwrap()
+}
+
+/// A folder of the test's own.
+pub fn folder() -> tempfile::TempDir {
+    tempfile::tempdir().unwrap()
+}
+
+/// Waits for a fact, without hope of being told.
+pub fn wait_until(what: &str, mut fact: impl FnMut() -> bool) {
+    let start = Instant::now();
+    while !fact() {
+        assert!(start.elapsed() < PATIENCE, "never came true: {what}");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
+/// Whether a process runs, or is stopped: not whether it has died and waits to be buried.
+pub fn is_alive(pid: u64) -> bool {
+    let Ok(status) = std::fs::read_to_string(format!("/proc/{pid}/stat")) else { return false };
+    let state = status.rsplit(')').next().and_then(|rest| rest.split_whitespace().next());
+    !matches!(state, Some("Z" | "X"))
+}
+
+/// Sends a signal, as a user would.
+pub fn kill(signal: &str, pid: u64) {
+    let status = Command::new("kill").args([signal, &pid.to_string()]).status().unwrap();
+    assert!(status.success(), "kill {signal} {pid}");
+}
+
+/// A rig that is up, until it is dropped.
+pub struct Up {
+    pub child: Child,
+    pub ready: Value,
+    folder: tempfile::TempDir,
+}
+
+impl Up {
+    /// `torno up --json` with more arguments, in a folder of its own; waits until it is ready.
+    pub fn start(arguments: &[&str]) -> Self {
+        let folder = folder();
+        let link = folder.path().join("pc");
+        let log = std::fs::File::create(folder.path().join("log")).unwrap();
+        let mut command = torno(&["up", "--json", "--link", link.to_str().unwrap()]);
+        let mut child = command.args(arguments).stdout(Stdio::piped()).stderr(log).spawn().unwrap();
+        let mut line = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        let ready = serde_json::from_str(&line).unwrap_or_else(|_| panic!("not ready: {line:?}"));
+        Self { child, ready, folder }
+    }
+
+    pub fn pid(&self) -> u64 {
+        u64::from(self.child.id())
+    }
+
+    pub fn board(&self, name: &str) -> u64 {
+        self.ready["boards"][name]["pid"].as_u64().unwrap()
+    }
+
+    pub fn boards(&self) -> Vec<u64> {
+        ["master", "spindle", "transverse", "depth"].map(|name| self.board(name)).to_vec()
+    }
+
+    pub fn link(&self) -> PathBuf {
+        PathBuf::from(self.ready["ports"]["pc"]["path"].as_str().unwrap())
+    }
+
+    /// What it has logged so far.
+    pub fn log(&self) -> String {
+        std::fs::read_to_string(self.folder.path().join("log")).unwrap()
+    }
+
+    pub fn wait_for_log(&self, text: &str) {
+        let start = Instant::now();
+        while !self.log().contains(text) {
+            assert!(start.elapsed() < PATIENCE, "never logged: {text}\n{}", self.log());
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    pub fn pc(&self) -> Pc {
+        Pc::open(&self.link(), 9600)
+    }
+}
+
+impl Drop for Up {
+    fn drop(&mut self) {
+        self.child.kill().ok();
+        self.child.wait().ok();
+    }
+}
+
+/// A PC at a serial port: a client that blocks.
+pub struct Pc {
+    pub port: TTYPort,
+}
+
+impl Pc {
+    pub fn open(path: &Path, baud: u32) -> Self {
+        let port = serialport::new(path.to_str().unwrap(), baud).timeout(PATIENCE).open_native().unwrap();
+        Self { port }
+    }
+
+    pub fn write(&mut self, bytes: &[u8]) {
+        self.port.write_all(bytes).unwrap();
+    }
+
+    /// The next `n` bytes.
+    pub fn read(&mut self, n: usize) -> Vec<u8> {
+        let mut bytes = vec![0; n];
+        let mut got = 0;
+        while got < n {
+            match self.port.read(&mut bytes[got..]) {
+                Ok(more) => got += more,
+                Err(error) if error.kind() == ErrorKind::TimedOut => panic!("only {:02x?} came", &bytes[..got]),
+                Err(error) => panic!("{error}"),
+            }
+        }
+        bytes
+    }
+
+    /// Expects exactly these bytes next.
+    pub fn expect(&mut self, bytes: &[u8]) {
+        assert_eq!(self.read(bytes.len()), bytes, "expected {bytes:02x?}");
+    }
+
+    /// Whether nothing has come that has not been read.
+    pub fn is_silent(&self) -> bool {
+        self.port.bytes_to_read().unwrap() == 0
+    }
+}
