@@ -30,7 +30,8 @@ pub struct Cell<B> {
     receivers: Vec<Receiver>,
     fifos: Vec<Fifo>,
     stimuli: VecDeque<(Instant, Stimulus)>,
-    hung: bool,
+    /// How often the firmware has been hung and not released: a release can be overtaken by the next hang.
+    hung: u32,
     /// The instant of the last thing handled.
     handled: Instant,
     /// If nothing can leave by a port until something reaches the board: since when.
@@ -47,7 +48,7 @@ impl<B: Board> Cell<B> {
             receivers,
             fifos,
             stimuli: VecDeque::new(),
-            hung: false,
+            hung: 0,
             handled: Instant::START,
             mute_since: None,
         };
@@ -110,7 +111,7 @@ impl<B: Board> Cell<B> {
         let stimulus = self.stimuli.front().map(|(at, _)| (*at, Next::Stimulus));
         let characters = self.receivers.iter().enumerate();
         let characters = characters.filter_map(|(port, r)| r.poll_timeout().map(|at| (at, Next::Character(port))));
-        let deadline = self.board.poll_timeout().filter(|_| !self.hung);
+        let deadline = self.board.poll_timeout().filter(|_| self.hung == 0);
         // A deadline that passed during a hang is due at once.
         let deadline = deadline.map(|deadline| (deadline.at.max(self.handled), Next::Deadline));
         // The least; among equals the first, which is the order that `board` prescribes.
@@ -141,7 +142,7 @@ impl<B: Board> Cell<B> {
 
     fn character(&mut self, at: Instant, port: usize, emit: &mut impl FnMut(Instant, Output)) {
         let Some(character) = self.receivers[port].take(at) else { return };
-        if !self.hung {
+        if self.hung == 0 {
             let port = u8::try_from(port).unwrap_or(u8::MAX);
             self.input(at, Input::Character { port, character }, emit);
         } else if self.receivers[port].is_buffered() {
@@ -150,8 +151,8 @@ impl<B: Board> Cell<B> {
     }
 
     fn hang(&mut self, at: Instant, hung: bool, emit: &mut impl FnMut(Instant, Output)) {
-        self.hung = hung;
-        if hung {
+        self.hung = if hung { self.hung + 1 } else { self.hung.saturating_sub(1) };
+        if self.hung > 0 {
             return;
         }
         for port in 0..self.fifos.len() {
@@ -179,7 +180,7 @@ impl<B: Board> Cell<B> {
     }
 
     fn note_mute(&mut self) {
-        let mute = (self.hung || self.board.mute())
+        let mute = (self.hung > 0 || self.board.mute())
             && self.stimuli.is_empty()
             && self.receivers.iter().all(|receiver| receiver.poll_timeout().is_none());
         self.mute_since = if mute { self.mute_since.or(Some(self.handled)) } else { None };

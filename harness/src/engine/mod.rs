@@ -264,6 +264,9 @@ impl Engine {
 
     /// The board's process has stopped: it hangs from the end of what it has told. Says from when.
     pub fn stop(&mut self, node: NodeId) -> Instant {
+        if self.nodes[node].life != Life::Runs {
+            return self.nodes[node].commit;
+        }
         let at = self.silence(node, Life::Stopped);
         self.hear(node, Heard::Stimulus { at, stimulus: Stimulus::Hang(true) });
         at
@@ -339,10 +342,7 @@ impl Engine {
                 Output::Event { event, value } => self.facts.push(Fact::Event { node: id, at, event, value }),
             }
         }
-        let node = &mut self.nodes[id];
-        if until > node.commit && !until.is_never() {
-            node.commit = until;
-        }
+        self.nodes[id].commit_to(until);
         sent
     }
 

@@ -38,8 +38,8 @@ pub(super) struct Node {
     heard: Vec<Heard>,
     /// The first instant at which `heard` matters.
     pub(super) effect: Instant,
-    /// A reset that it has not answered yet: the one thing that cuts a character short.
-    reset: Instant,
+    /// Resets that are not settled yet: the one thing from outside that cuts a character short.
+    resets: Vec<Instant>,
     /// It has been given a turn and has not answered.
     pub(super) awaited: bool,
     /// The first instant at which something unheard can matter to it.
@@ -61,7 +61,7 @@ impl Node {
             line_busy_until: vec![Instant::START; ports],
             heard: Vec::new(),
             effect: Instant::NEVER,
-            reset: Instant::NEVER,
+            resets: Vec::new(),
             awaited: false,
             eit: Instant::NEVER,
         }
@@ -77,19 +77,37 @@ impl Node {
         self.told_until().min(self.eit).min(self.effect)
     }
 
-    /// `E`: the earliest instant at which a new edge can appear on a port.
+    /// `E`: the earliest instant at which a port can change in a way that has not been settled.
     pub(super) fn earliest_edge(&self, port: usize) -> Instant {
-        let told = self.ahead.iter().find_map(|told| match &told.output {
-            Output::Character { port: p, edges, .. } if usize::from(*p) == port => edges.first().map(|edge| edge.at),
-            Output::Cut { port: p } if usize::from(*p) == port => Some(told.at),
-            _ => None,
-        });
-        let told = told.unwrap_or(Instant::NEVER).min(self.told_until());
         if self.life != Life::Runs {
-            return told;
+            return Instant::NEVER;
         }
-        let earliest = told.min(self.eit).min(self.effect);
-        earliest.max(self.line_busy_until.get(port).copied().unwrap_or_default()).min(self.reset)
+        let mut character = Instant::NEVER;
+        let mut cut = self.resets.iter().min().copied().unwrap_or(Instant::NEVER);
+        for Timed { at, output } in &self.ahead {
+            match output {
+                Output::Character { port: p, edges, .. } if usize::from(*p) == port => {
+                    character = edges.first().map_or(character, |edge| edge.at);
+                    break;
+                }
+                Output::Cut { port: p } if usize::from(*p) == port => {
+                    cut = cut.min(*at);
+                    break;
+                }
+                _ => {}
+            }
+        }
+        // A new character waits for the end of the one on the line; a cut does not.
+        let free = self.line_busy_until.get(port).copied().unwrap_or_default();
+        character.min(self.safe_until()).max(free).min(cut)
+    }
+
+    /// Everything before `until` is settled.
+    pub(super) fn commit_to(&mut self, until: Instant) {
+        if until > self.commit && !until.is_never() {
+            self.commit = until;
+            self.resets.retain(|reset| *reset >= until);
+        }
     }
 
     /// How far the board's doings may be settled.
@@ -133,7 +151,7 @@ impl Node {
             return;
         }
         if let Heard::Stimulus { at, stimulus: Stimulus::Reset } = heard {
-            self.reset = self.reset.min(at);
+            self.resets.push(at);
         }
         self.heard.push(heard);
         self.note_effect();
@@ -165,7 +183,6 @@ impl Node {
             self.ahead.pop_back();
         }
         self.awaited = false;
-        self.reset = Instant::NEVER;
         if self.life != Life::Runs {
             // An answer from before it was stopped: what could still be used of it has been settled.
             self.note_effect();
@@ -201,11 +218,5 @@ impl Node {
             Heard::Stimulus { at, .. } => *at,
         });
         self.effect = effects.min().unwrap_or(Instant::NEVER);
-        if let Some(reset) = self.heard.iter().find_map(|heard| match heard {
-            Heard::Stimulus { at, stimulus: Stimulus::Reset } => Some(*at),
-            _ => None,
-        }) {
-            self.reset = reset;
-        }
     }
 }

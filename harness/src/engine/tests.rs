@@ -1,1 +1,314 @@
+//! The engine against the simplest simulator that can be right: one event of the whole rig at a time.
 
+use std::collections::VecDeque;
+
+use proptest::prelude::*;
+use torno_protocol::board::{Board, Deadline, Description, Input};
+use torno_protocol::clock::{Clock, Rate};
+use torno_protocol::stepping::{Cell, Stepper};
+use torno_protocol::uart::{Receiver, TickTimer, Transmitter};
+
+use super::*;
+
+const BAUD: Rate = Rate::hz(9600);
+
+/// A board with two ports that answers what it hears, passes on some of it, and speaks up by itself now and then.
+#[derive(Clone, Debug)]
+struct Chatterbox {
+    clock: Clock,
+    software: bool,
+    /// How long it thinks before it answers.
+    delay: Span,
+    /// How often it speaks up by itself; it need not.
+    period: Option<Span>,
+    next: Option<Instant>,
+    answers: VecDeque<(Instant, usize, u8)>,
+    transmitters: [Transmitter; 2],
+    heard: i64,
+    outputs: VecDeque<Output>,
+}
+
+impl Chatterbox {
+    fn new(ppb: i32, software: bool, delay: Span, period: Option<Span>) -> Self {
+        let clock = Clock::from_ppb(ppb).unwrap();
+        let timer = TickTimer::new(BAUD, clock);
+        let transmitter = |n| if software { timer.transmitter(n) } else { Transmitter::hardware(BAUD, clock) };
+        let transmitters = [transmitter(0), transmitter(1)];
+        let next = period.map(|period| Instant::START + period);
+        let (answers, outputs) = (VecDeque::new(), VecDeque::new());
+        Self { clock, software, delay, period, next, answers, transmitters, heard: 0, outputs }
+    }
+
+    fn act(&mut self, now: Instant) {
+        if let (Some(next), Some(period)) = (self.next, self.period)
+            && next <= now
+        {
+            self.next = Some(now + period);
+            self.outputs.push_back(Output::Telemetry { signal: 0, value: self.heard });
+            self.transmitters[0].push(self.heard as u8);
+        }
+        while let Some((_, port, byte)) = self.answers.front().copied().filter(|(at, ..)| *at <= now) {
+            self.answers.pop_front();
+            self.transmitters[port].push(byte);
+        }
+        for (port, transmitter) in (0..).zip(&mut self.transmitters) {
+            if let Some(loaded) = transmitter.load(now) {
+                self.outputs.push_back(Output::Character { port, edges: loaded.edges, end: loaded.end });
+            }
+        }
+    }
+}
+
+impl Board for Chatterbox {
+    fn description(&self) -> Description {
+        Description { ports: vec!["a".to_owned(), "b".to_owned()], ..Description::default() }
+    }
+
+    fn receivers(&self) -> Vec<Receiver> {
+        let timer = TickTimer::new(BAUD, self.clock);
+        let receiver = |n| if self.software { timer.receiver(n) } else { Receiver::hardware(BAUD, self.clock) };
+        vec![receiver(0), receiver(1)]
+    }
+
+    fn handle_input(&mut self, now: Instant, input: Input) {
+        match input {
+            Input::Character { port, character } => {
+                self.heard += 1;
+                self.outputs.push_back(Output::Event { event: port, value: i64::from(character.byte) });
+                // Three in four words die out, so that the talk does.
+                if character.byte % 4 == 0 && self.answers.len() < 8 {
+                    let to = usize::from(character.byte / 4 % 2);
+                    self.answers.push_back((now + self.delay, to, character.byte.wrapping_mul(13).wrapping_add(7)));
+                }
+            }
+            Input::Stimulus(Stimulus::Write(bytes)) => bytes.iter().for_each(|byte| self.transmitters[0].push(*byte)),
+            Input::Stimulus(Stimulus::Reset) => {
+                self.outputs.extend([Output::Cut { port: 0 }, Output::Cut { port: 1 }]);
+                let Self { clock, software, delay, period, .. } = *self;
+                let outputs = std::mem::take(&mut self.outputs);
+                let ppb = 0;
+                *self = Self { clock, outputs, ..Self::new(ppb, software, delay, None) };
+                self.period = period;
+                self.next = period.map(|period| now + period);
+            }
+            Input::Stimulus(_) => {}
+        }
+        self.act(now);
+    }
+
+    fn handle_timeout(&mut self, now: Instant) {
+        self.act(now);
+    }
+
+    fn poll_output(&mut self) -> Option<Output> {
+        self.outputs.pop_front()
+    }
+
+    fn poll_timeout(&self) -> Option<Deadline> {
+        let loads = self.transmitters.iter().filter_map(Transmitter::poll_timeout);
+        let answers = self.answers.front().map(|(at, ..)| *at);
+        loads.chain(answers).chain(self.next).min().map(|at| Deadline { at, why: "talk", outside: false })
+    }
+}
+
+/// A ring: port b of each board talks with port a of the next.
+#[derive(Clone, Debug)]
+struct Ring {
+    boards: Vec<Chatterbox>,
+    stimuli: Vec<(NodeId, Instant, Stimulus)>,
+}
+
+impl Ring {
+    fn ends(&self) -> Vec<(End, End)> {
+        let count = self.boards.len();
+        let link = |n: usize| (End { node: n, port: 1 }, End { node: (n + 1) % count, port: 0 });
+        (0..count).map(link).flat_map(|(a, b)| [(a, b), (b, a)]).collect()
+    }
+
+    /// Everything that happens before `until`, one event at a time.
+    fn simulate(&self, until: Instant) -> Vec<Vec<Fact>> {
+        let ends = self.ends();
+        let mut cells: Vec<Cell<Chatterbox>> = self.boards.iter().cloned().map(Cell::new).collect();
+        for (node, at, stimulus) in &self.stimuli {
+            cells[*node].hear(&Heard::Stimulus { at: *at, stimulus: stimulus.clone() });
+        }
+        let mut facts = Vec::new();
+        while let Some((at, node)) = (0..cells.len()).filter_map(|n| cells[n].poll_timeout().map(|at| (at, n))).min()
+            && at < until
+        {
+            let mut outputs = Vec::new();
+            cells[node].run(at.next(), |at, output| outputs.push((at, output)));
+            for (at, output) in outputs {
+                let line = |port: u8| ends.iter().position(|(from, _)| *from == End { node, port });
+                match output {
+                    Output::Character { port, edges, .. } => {
+                        let line = line(port).unwrap();
+                        let to = ends[line].1;
+                        cells[to.node].hear(&Heard::Edges { port: to.port, edges: edges.clone() });
+                        facts.push(Fact::Edges { line, edges });
+                    }
+                    Output::Cut { port } => {
+                        let line = line(port).unwrap();
+                        let to = ends[line].1;
+                        cells[to.node].hear(&Heard::Cut { port: to.port, at });
+                        facts.push(Fact::Cut { line, at });
+                    }
+                    Output::Telemetry { signal, value } => facts.push(Fact::Telemetry { node, at, signal, value }),
+                    Output::Event { event, value } => facts.push(Fact::Event { node, at, event, value }),
+                }
+            }
+        }
+        streams(facts)
+    }
+
+    /// The same through the engine, with time cut at `cuts` on the way.
+    fn run(&self, cuts: &[Instant], until: Instant) -> Vec<Vec<Fact>> {
+        let mut engine = Engine::new();
+        self.boards.iter().for_each(|_| _ = engine.add_node(2));
+        for (from, to) in self.ends() {
+            engine.add_line(from, to);
+        }
+        let mut steppers: Vec<Stepper<Chatterbox>> = self.boards.iter().cloned().map(Stepper::new).collect();
+        let mut give = |engine: &mut Engine, turns: Vec<(NodeId, Turn)>| {
+            for (node, turn) in turns {
+                let batch = steppers[node].turn(&turn).unwrap();
+                engine.answer(node, batch).unwrap();
+            }
+        };
+        let first = engine.catch_up(Instant::START.next());
+        give(&mut engine, first);
+        for (node, at, stimulus) in &self.stimuli {
+            assert_eq!(engine.stimulate(*node, *at, stimulus.clone()), *at);
+        }
+        for limit in cuts.iter().chain([&until]) {
+            let mut rounds = 0;
+            loop {
+                let turns = engine.poll(Limit::until(*limit));
+                if turns.is_empty() {
+                    break;
+                }
+                give(&mut engine, turns);
+                rounds += 1;
+                assert!(rounds < 100_000, "no progress");
+            }
+        }
+        let last = engine.catch_up(until);
+        give(&mut engine, last);
+        engine.poll(Limit::until(until));
+        streams(engine.take_facts())
+    }
+}
+
+/// The facts of each board and each line: only their order is determined.
+fn streams(facts: Vec<Fact>) -> Vec<Vec<Fact>> {
+    let mut streams = vec![Vec::new(); 40];
+    for fact in facts {
+        let stream = match &fact {
+            Fact::Edges { line, .. } | Fact::Cut { line, .. } => 20 + line,
+            Fact::Telemetry { node, .. } | Fact::Event { node, .. } => *node,
+        };
+        streams[stream].push(fact);
+    }
+    streams
+}
+
+fn instants(ms: std::ops::Range<u64>) -> impl Strategy<Value = Instant> {
+    (ms.start * 1_000_000..ms.end * 1_000_000).prop_map(Instant::from_nanos)
+}
+
+fn chatterboxes() -> impl Strategy<Value = Chatterbox> {
+    let delay = (0..40_000u64).prop_map(Span::from_micros);
+    let period = prop::option::of((3_000..700_000u64).prop_map(Span::from_micros));
+    (-5_000_000..5_000_000i32, any::<bool>(), delay, period).prop_map(|(ppb, s, delay, period)| {
+        // Software receivers leave little room for clock errors.
+        Chatterbox::new(ppb, s, delay, period)
+    })
+}
+
+fn rings() -> impl Strategy<Value = Ring> {
+    let boards = prop::collection::vec(chatterboxes(), 2..5);
+    let stimulus = prop_oneof![
+        4 => prop::collection::vec(any::<u8>(), 1..12).prop_map(Stimulus::Write),
+        1 => Just(Stimulus::Reset),
+    ];
+    let stimuli = prop::collection::vec((0..2usize, instants(1..3_000), stimulus), 0..6);
+    (boards, stimuli).prop_map(|(boards, stimuli)| Ring { boards, stimuli })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(150))]
+
+    #[test]
+    fn however_time_is_cut_everything_happens_as_one_event_at_a_time(
+        ring in rings(),
+        mut cuts in prop::collection::vec(instants(0..3_500), 0..30),
+    ) {
+        cuts.sort();
+        let until = Instant::START + Span::from_millis(3_500);
+        let expected = ring.simulate(until);
+        prop_assert_eq!(&ring.run(&cuts, until), &expected);
+        prop_assert_eq!(&ring.run(&[], until), &expected);
+    }
+
+    #[test]
+    fn whatever_stops_and_dies_the_others_go_on(
+        ring in rings(),
+        mut events in prop::collection::vec((instants(1..3_000), 0..2usize, 0..3u8), 1..6),
+    ) {
+        events.sort();
+        let mut engine = Engine::new();
+        ring.boards.iter().for_each(|_| _ = engine.add_node(2));
+        ring.ends().into_iter().for_each(|(from, to)| _ = engine.add_line(from, to));
+        let mut steppers: Vec<_> = ring.boards.iter().cloned().map(Stepper::new).collect();
+        let mut give = |engine: &mut Engine, turns: Vec<(NodeId, Turn)>| {
+            for (node, turn) in turns {
+                engine.answer(node, steppers[node].turn(&turn).unwrap()).unwrap();
+            }
+        };
+        let first = engine.catch_up(Instant::START.next());
+        give(&mut engine, first);
+        let end = Instant::START + Span::from_secs(5);
+        for (at, node, what) in events.into_iter().chain([(end, 0, 3)]) {
+            for _ in 0..100_000 {
+                let turns = engine.poll(Limit::until(at));
+                if turns.is_empty() {
+                    break;
+                }
+                give(&mut engine, turns);
+            }
+            match what {
+                0 => drop(engine.stop(node)),
+                1 => drop(engine.resume(node)),
+                2 => drop(engine.kill(node)),
+                _ => {}
+            }
+        }
+        prop_assert!(!engine.is_waiting());
+        prop_assert!(engine.frontier() >= end || engine.is_quiet());
+    }
+}
+
+#[test]
+fn a_cut_line_carries_nothing_more() {
+    let chatterbox = |period| Chatterbox::new(0, false, Span::ZERO, period);
+    let ring = Ring { boards: vec![chatterbox(Some(Span::from_millis(20))), chatterbox(None)], stimuli: vec![] };
+    let mut engine = Engine::new();
+    (0..2).for_each(|_| _ = engine.add_node(2));
+    let lines: Vec<LineId> = ring.ends().into_iter().map(|(from, to)| engine.add_line(from, to)).collect();
+    let mut steppers: Vec<_> = ring.boards.iter().cloned().map(Stepper::new).collect();
+    // In mid-character: the second starts at 40 ms.
+    let cut = Instant::START + Span::from_micros(40_300);
+    lines.iter().for_each(|line| engine.cut_line(*line, cut));
+    let mut turns = engine.catch_up(Instant::START.next());
+    while !turns.is_empty() {
+        for (node, turn) in turns {
+            engine.answer(node, steppers[node].turn(&turn).unwrap()).unwrap();
+        }
+        turns = engine.poll(Limit::until(Instant::START + Span::from_millis(200)));
+    }
+    let facts = engine.take_facts();
+    let heard = facts.iter().filter(|fact| matches!(fact, Fact::Event { .. })).count();
+    assert_eq!(heard, 3, "the first, its answer, and what is left of the second");
+    let late = |fact: &Fact| matches!(fact, Fact::Edges { edges, .. } if edges.iter().any(|edge| edge.at >= cut));
+    assert!(!facts.iter().any(late));
+}
