@@ -3,13 +3,13 @@
 use std::path::PathBuf;
 
 use torno_protocol::board::Stimulus;
-use torno_protocol::lathe::{Conversation, Outcome, Program, ReplyDecoder};
+use torno_protocol::lathe::{Conversation, Outcome, Program, Reply, ReplyDecoder};
 use torno_protocol::time::{Instant, Span};
 
 use crate::engine::{Fact, Limit, NodeId, Statistics};
 use crate::observe::{Digest, Sum, Telemetry, Waveforms, log};
 use crate::pace::{Brake, Pace};
-use crate::pc::{PcEvent, PcUart};
+use crate::pc::{PcEvent, PcProgram, PcUart};
 use crate::rig::file::RigFile;
 use crate::rig::{Driver, Incident, Rig, RigError};
 
@@ -54,6 +54,18 @@ pub enum Breakage {
         /// What.
         stimulus: Stimulus,
     },
+}
+
+/// A program that sends no more once a board has failed: with a frame missing, the rest would turn another part.
+#[derive(Clone, Debug, Default)]
+pub struct Careful {
+    decoder: ReplyDecoder,
+}
+
+impl PcProgram for Careful {
+    fn gives_up(&mut self, byte: u8) -> bool {
+        self.decoder.push(byte).iter().any(|reply| matches!(reply, Reply::Can(..)))
+    }
 }
 
 /// How far a play has come.
@@ -116,7 +128,7 @@ impl Play {
     /// [`RigError`] if the rig itself breaks.
     pub async fn run(self, mut progress: impl FnMut(Progress<'_>)) -> Result<Finale, RigError> {
         let pc = &self.file.pc;
-        let uart = PcUart::new(pc.baud, pc.tx_fifo, pc.clock).with_program();
+        let uart = PcUart::new(pc.baud, pc.tx_fifo, pc.clock).with_program(Careful::default());
         let mut rig = Rig::start(&self.file, &self.driver, uart).await?;
         if self.pace == Pace::Max {
             rig.share_one_processor();

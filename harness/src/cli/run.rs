@@ -12,7 +12,7 @@ use torno::observe::log;
 use torno::pace::Pace;
 use torno::play::{Finale, Play};
 use torno::report::{Bar, BoardSummary, Frames, Summary};
-use torno_protocol::lathe::Outcome;
+use torno_protocol::lathe::{CHARACTER, Outcome};
 
 use super::{FAILED, INTERRUPTED, colour, driver, load_program, load_rig, print, rig_and_program};
 
@@ -48,6 +48,7 @@ impl Arguments {
         // Before anything runs: a file that cannot be written must not cost a run.
         let vcd = self.vcd.as_deref().map(create).transpose()?;
         let frames = program.frames.len();
+        let tail = CHARACTER.times(2);
         let rig = file.name.clone();
         let waveforms = vcd.is_some();
         let driver = driver(self.in_process)?;
@@ -64,7 +65,7 @@ impl Arguments {
         };
         bar.clear();
         if let (Some((path, file)), Some(waveforms)) = (vcd, &finale.waveforms) {
-            waveforms.write(file, finale.end).with_context(|| format!("cannot write '{}'", path.display()))?;
+            waveforms.write(file, finale.end, tail).with_context(|| format!("cannot write '{}'", path.display()))?;
         }
         let completed = finale.outcome == Outcome::Completed;
         let summary = summary(finale, rig, program_name, frames, self.seed, started);

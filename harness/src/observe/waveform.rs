@@ -3,9 +3,8 @@
 use std::collections::BTreeMap;
 use std::io;
 
-use torno_protocol::lathe::CHARACTER;
 use torno_protocol::line::{Edge, Level};
-use torno_protocol::time::Instant;
+use torno_protocol::time::{Instant, Span};
 use vcd::{SimulationCommand, TimescaleUnit, Value, Writer};
 
 use crate::engine::Fact;
@@ -37,11 +36,11 @@ impl Waveforms {
         }
     }
 
-    /// Writes the dump; it goes on past `end` until the last stop bit is certainly over.
+    /// Writes the dump; it goes on for `tail` after `end` and the last edge, so that the last stop bit is in it.
     ///
     /// # Errors
     /// Whatever writing gives.
-    pub fn write(&self, output: impl io::Write, end: Instant) -> io::Result<()> {
+    pub fn write(&self, output: impl io::Write, end: Instant, tail: Span) -> io::Result<()> {
         let mut writer = Writer::new(output);
         writer.comment("torno: every line of the rig, idle high")?;
         writer.timescale(1, TimescaleUnit::NS)?;
@@ -69,7 +68,7 @@ impl Waveforms {
             }
             last = last.max(at);
         }
-        writer.timestamp((last + CHARACTER.times(2)).as_nanos())?;
+        writer.timestamp((last + tail).as_nanos())?;
         writer.flush()
     }
 }

@@ -2,4 +2,4 @@
 
 mod uart;
 
-pub use uart::{PcEvent, PcUart};
+pub use uart::{Outside, PcEvent, PcProgram, PcUart};

@@ -4,9 +4,29 @@ use std::collections::VecDeque;
 
 use torno_protocol::board::{Board, Deadline, Description, Input, Output, Signal, Stimulus};
 use torno_protocol::clock::{Clock, Rate};
-use torno_protocol::lathe::{Reply, ReplyDecoder, XOFF, XON};
 use torno_protocol::time::Instant;
 use torno_protocol::uart::{Character, Receiver, Transmitter};
+
+/// DC3, the software flow control's "stop" (ITU-T T.50).
+const XOFF: u8 = 0x13;
+/// DC1, its "go on".
+const XON: u8 = 0x11;
+
+/// A program behind the PC's UART that must be answered in virtual time.
+pub trait PcProgram: Clone {
+    /// A byte has come. Says whether to give up what has not been sent yet.
+    fn gives_up(&mut self, byte: u8) -> bool;
+}
+
+/// No program: whoever is behind the UART is outside the rig.
+#[derive(Clone, Copy, Debug)]
+pub struct Outside;
+
+impl PcProgram for Outside {
+    fn gives_up(&mut self, _: u8) -> bool {
+        false
+    }
+}
 
 /// What the PC's UART tells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,7 +68,7 @@ impl PcEvent {
 /// With `ixon` the driver stops feeding it on `XOFF` and goes on at `XON`; what the chip has already loaded still
 /// goes out.
 #[derive(Clone, Debug)]
-pub struct PcUart {
+pub struct PcUart<P = Outside> {
     clock: Clock,
     baud: u32,
     ixon: bool,
@@ -60,13 +80,12 @@ pub struct PcUart {
     transmitter: Transmitter,
     stopped: bool,
     retuned: bool,
-    /// A program that gives up on `CAN`, as a careful one does: with a frame missing, the rest turns another part.
-    gives_up: Option<ReplyDecoder>,
+    program: P,
     outputs: VecDeque<Output>,
 }
 
 impl PcUart {
-    /// A UART at `baud` with `fifo` characters between driver and line.
+    /// A UART that is used from outside the rig, at `baud` with `fifo` characters between driver and line.
     pub fn new(baud: u32, fifo: usize, clock: Clock) -> Self {
         Self {
             clock,
@@ -78,16 +97,19 @@ impl PcUart {
             transmitter: Transmitter::hardware(Rate::hz(baud), clock),
             stopped: false,
             retuned: false,
-            gives_up: None,
+            program: Outside,
             outputs: VecDeque::new(),
         }
     }
 
-    /// With a program behind it that is held by `XON`/`XOFF` and gives up when a board fails.
-    pub fn with_program(self) -> Self {
-        Self { ixon: true, gives_up: Some(ReplyDecoder::default()), ..self }
+    /// With a program behind it that is held by `XON`/`XOFF`.
+    pub fn with_program<P: PcProgram>(self, program: P) -> PcUart<P> {
+        let Self { clock, baud, fifo, queue, loaded, transmitter, stopped, retuned, outputs, .. } = self;
+        PcUart { clock, baud, ixon: true, fifo, queue, loaded, transmitter, stopped, retuned, program, outputs }
     }
+}
 
+impl<P: PcProgram> PcUart<P> {
     fn receive(&mut self, character: Character) {
         let Some(byte) = character.ok() else {
             self.outputs.push_back(PcEvent::Garbled(character.byte).output());
@@ -97,9 +119,7 @@ impl PcUart {
         if self.ixon && (byte == XOFF || byte == XON) {
             self.stop(byte == XOFF);
         }
-        if let Some(decoder) = &mut self.gives_up
-            && decoder.push(byte).iter().any(|reply| matches!(reply, Reply::Can(..)))
-        {
+        if self.program.gives_up(byte) {
             self.queue.clear();
         }
     }
@@ -141,7 +161,7 @@ impl PcUart {
     }
 }
 
-impl Board for PcUart {
+impl<P: PcProgram> Board for PcUart<P> {
     fn description(&self) -> Description {
         Description {
             ports: vec!["cable".to_owned()],
@@ -194,8 +214,18 @@ mod tests {
         Instant::START + Span::from_millis(ms)
     }
 
+    /// Gives up on the letter `q`.
+    #[derive(Clone)]
+    struct Quitter;
+
+    impl PcProgram for Quitter {
+        fn gives_up(&mut self, byte: u8) -> bool {
+            byte == b'q'
+        }
+    }
+
     /// The bytes that go out before `until`, with `reply` starting at 5 ms.
-    fn sent(uart: PcUart, reply: &[u8], until: Instant) -> Vec<u8> {
+    fn sent(uart: PcUart<impl PcProgram>, reply: &[u8], until: Instant) -> Vec<u8> {
         let mut cell = Cell::new(uart);
         cell.hear(&Heard::Stimulus { at: ms(1), stimulus: Stimulus::Write((0..32).collect()) });
         let mut master = Transmitter::hardware(Rate::hz(9600), Clock::TRUE);
@@ -219,6 +249,10 @@ mod tests {
         PcUart::new(9600, fifo, Clock::TRUE)
     }
 
+    fn held(fifo: usize) -> PcUart<Quitter> {
+        uart(fifo).with_program(Quitter)
+    }
+
     #[test]
     fn bytes_leave_at_the_baud_rate() {
         assert_eq!(sent(uart(1), &[], ms(1) + Span::from_nanos(10_416_671)).len(), 11);
@@ -228,19 +262,19 @@ mod tests {
     #[test]
     fn xoff_stops_all_but_what_is_loaded() {
         // XOFF is understood 5.99 ms after the start: five characters are out or on the line.
-        assert_eq!(sent(uart(1).with_program(), &[XOFF], ms(1000)), [0, 1, 2, 3, 4, 5]);
-        assert_eq!(sent(uart(16).with_program(), &[XOFF], ms(1000)).len(), 21);
+        assert_eq!(sent(held(1), &[XOFF], ms(1000)), [0, 1, 2, 3, 4, 5]);
+        assert_eq!(sent(held(16), &[XOFF], ms(1000)).len(), 21);
         assert_eq!(sent(uart(1), &[XOFF], ms(1000)).len(), 32);
     }
 
     #[test]
     fn xon_goes_on_without_a_loss() {
-        assert_eq!(sent(uart(1).with_program(), &[XOFF, XON], ms(1000)), (0..32).collect::<Vec<u8>>());
+        assert_eq!(sent(held(1), &[XOFF, XON], ms(1000)), (0..32).collect::<Vec<u8>>());
     }
 
     #[test]
-    fn a_program_gives_up_when_a_board_fails() {
-        assert!(sent(uart(1).with_program(), b"\x18dn", ms(1000)).len() < 12);
+    fn a_program_can_give_up() {
+        assert!(sent(held(1), b"q", ms(1000)).len() < 12);
     }
 
     #[test]

@@ -19,7 +19,7 @@ use torno_protocol::stepping::{BrokenPromise, Stepper};
 use torno_protocol::time::Instant;
 
 use crate::engine::{End, Engine, Fact, LateOutput, Limit, LineId, NodeId};
-use crate::pc::PcUart;
+use crate::pc::{PcProgram, PcUart};
 use file::RigFile;
 use kinds::Steps;
 use process::{BoardProcess, Change};
@@ -153,7 +153,10 @@ impl Rig {
     ///
     /// # Errors
     /// [`RigError`] if a board cannot be started.
-    pub async fn start(file: &RigFile, driver: &Driver, pc: PcUart) -> Result<Self, RigError> {
+    pub async fn start<P>(file: &RigFile, driver: &Driver, pc: PcUart<P>) -> Result<Self, RigError>
+    where
+        P: PcProgram + Send + 'static,
+    {
         // Before the first process, so that no news of one is missed.
         let children = signal(SignalKind::child())?;
         let mut rig = Self {
