@@ -13,12 +13,13 @@ use crate::port::{LineSettings, PcPort, PortEvent};
 use crate::rig::file::RigFile;
 use crate::rig::{Driver, Rig, RigError};
 
-/// So many of the client's bytes wait in the driver at the most. Its settings are read with each helping, so a new speed
-/// holds at most this many characters late.
+/// So many of the client's bytes wait in the driver at the most. Its settings are read with each helping, so a new
+/// speed holds at most this many characters late.
 const DRIVER_QUEUE: usize = 16;
 /// The driver takes a new helping when no more than this is left.
 const DRIVER_LOW: usize = 4;
-/// Boards that nothing reaches are brought up to date this often, so that none has long to catch up when something does.
+/// Boards that nothing reaches are brought up to date this often, so that none has long to catch up when something
+/// does.
 const KEEP_UP: Span = Span::from_secs(10);
 
 /// A rig with an open PC port.

@@ -52,8 +52,8 @@ impl fmt::Display for Pace {
 #[derive(Debug)]
 pub struct Brake {
     pace: Pace,
-    /// A wall instant and the virtual instant that it stands for. At [`Pace::Max`] there is one only while a board waits
-    /// for the silence of the world outside.
+    /// A wall instant and the virtual instant that it stands for. At [`Pace::Max`] there is one only while a board
+    /// waits for the silence of the world outside.
     anchor: Option<(WallInstant, Instant)>,
     timer: AsyncFd<OwnedFd>,
 }

@@ -224,7 +224,7 @@ impl Stage {
         match event {
             Some(PcEvent::Sent(_)) => {
                 self.bytes_sent += 1;
-                if self.bytes_sent % 8 == 0 {
+                if self.bytes_sent.is_multiple_of(8) {
                     self.conversation.sent();
                 }
             }

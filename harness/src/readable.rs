@@ -16,7 +16,7 @@ use tokio::io::unix::AsyncFd;
 /// Outside a tokio runtime with I/O enabled.
 #[allow(unsafe_code)]
 pub(crate) fn readable(fd: impl Into<OwnedFd>) -> io::Result<AsyncFd<OwnedFd>> {
-    // SAFETY: the `AsyncFd` owns the descriptor from here on, and an `OwnedFd` is the same open descriptor all its life.
+    // SAFETY: the `AsyncFd` owns the descriptor from here on; an `OwnedFd` is the same open descriptor all its life.
     let registered = unsafe { AsyncFd::register_with_interest(fd.into(), Interest::READABLE) };
     Ok(registered?)
 }

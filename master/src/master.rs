@@ -170,7 +170,7 @@ impl Master {
         self.reply(Reply::Nak(refusal));
     }
 
-    fn from_pc(&mut self, now: Instant, character: Character) {
+    fn hear_pc(&mut self, now: Instant, character: Character) {
         if character.framing_error {
             self.event(Event::PcFramingError, i64::from(character.byte));
         }
@@ -231,7 +231,7 @@ impl Master {
         self.check_done(now);
     }
 
-    fn from_slave(&mut self, now: Instant, slave: Slave, character: Character) {
+    fn hear_slave(&mut self, now: Instant, slave: Slave, character: Character) {
         let letter = i64::from(slave.letter());
         let Some(byte) = character.ok() else {
             self.event(Event::SlaveLineError, letter);
@@ -417,10 +417,10 @@ impl Board for Master {
 
     fn handle_input(&mut self, now: Instant, input: Input) {
         match input {
-            Input::Character { port: PC, character } => self.from_pc(now, character),
+            Input::Character { port: PC, character } => self.hear_pc(now, character),
             Input::Character { port, character } => {
                 if let Some(slave) = Slave::ALL.get(usize::from(port) - 1) {
-                    self.from_slave(now, *slave, character);
+                    self.hear_slave(now, *slave, character);
                 }
             }
             Input::Stimulus(Stimulus::Reset) => {

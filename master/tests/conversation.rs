@@ -1,5 +1,7 @@
 //! The master's conversation, to the byte: characters in and out over real waveforms, the slaves played by the test.
 
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
+
 use proptest::prelude::*;
 use torno_master::{Master, MasterSettings};
 use torno_protocol::board::{Output, Stimulus};

@@ -157,7 +157,12 @@ mod tests {
 
     proptest! {
         #[test]
-        fn first_from_is_the_first(origin in 0..1_000_000_000u64, t in 0..4_000_000_000u64, hz in 1..2_000_000u32, ppb in -200_000_000..200_000_000i32) {
+        fn first_from_is_the_first(
+            origin in 0..1_000_000_000u64,
+            t in 0..4_000_000_000u64,
+            hz in 1..2_000_000u32,
+            ppb in -200_000_000..200_000_000i32,
+        ) {
             let ticks = Ticks::new(Instant::from_nanos(origin), Rate::hz(hz), Clock::from_ppb(ppb).unwrap());
             let t = Instant::from_nanos(t);
             let n = ticks.first_from(t);

@@ -318,3 +318,135 @@ impl<B: Board> Stepper<B> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::board::{Deadline, Description};
+    use crate::clock::{Clock, Rate};
+    use crate::uart::Transmitter;
+
+    const BAUD: Rate = Rate::hz(9600);
+
+    fn ms(ms: u64) -> Instant {
+        Instant::START + Span::from_millis(ms)
+    }
+
+    /// Counts what it hears, ticks every 30 ms, and speaks at 500 ms whatever it says of itself.
+    #[derive(Clone, Debug)]
+    struct Counter {
+        claims_to_be_mute: bool,
+        speaks: bool,
+        tick: Instant,
+        uart: Transmitter,
+        outputs: VecDeque<Output>,
+    }
+
+    impl Counter {
+        fn new(claims_to_be_mute: bool, speaks: bool) -> Self {
+            let uart = Transmitter::hardware(BAUD, Clock::TRUE);
+            Self { claims_to_be_mute, speaks, tick: ms(30), uart, outputs: VecDeque::new() }
+        }
+    }
+
+    impl Board for Counter {
+        fn description(&self) -> Description {
+            Description { ports: vec!["port".to_owned()], ..Description::default() }
+        }
+
+        fn receivers(&self) -> Vec<Receiver> {
+            vec![Receiver::hardware(BAUD, Clock::TRUE)]
+        }
+
+        fn handle_input(&mut self, _: Instant, input: Input) {
+            if let Input::Character { character, .. } = input {
+                let event = u8::from(character.overrun);
+                self.outputs.push_back(Output::Event { event, value: i64::from(character.byte) });
+            }
+        }
+
+        fn handle_timeout(&mut self, now: Instant) {
+            self.outputs.push_back(Output::Telemetry { signal: 0, value: now.as_nanos() as i64 });
+            self.tick = self.tick.max(now) + Span::from_millis(30);
+            if self.speaks && now >= ms(500) {
+                self.speaks = false;
+                self.uart.push(b'!');
+                let loaded = self.uart.load(now).unwrap();
+                self.outputs.push_back(Output::Character { port: 0, edges: loaded.edges, end: loaded.end });
+            }
+        }
+
+        fn poll_output(&mut self) -> Option<Output> {
+            self.outputs.pop_front()
+        }
+
+        fn poll_timeout(&self) -> Option<Deadline> {
+            Some(Deadline { at: self.tick, why: "tick", outside: false })
+        }
+
+        fn mute(&self) -> bool {
+            self.claims_to_be_mute
+        }
+    }
+
+    fn byte(byte: u8, at: Instant) -> Heard {
+        let mut uart = Transmitter::hardware(BAUD, Clock::TRUE);
+        uart.push(byte);
+        Heard::Edges { port: 0, edges: uart.load(at).unwrap().edges }
+    }
+
+    fn turn(until: Instant, heard: Vec<Heard>) -> Turn {
+        Turn { commit: Instant::START, until, heard }
+    }
+
+    #[test]
+    fn runs_ahead_to_the_next_output_and_promises_it() {
+        let mut stepper = Stepper::new(Counter::new(false, true));
+        let batch = stepper.turn(&turn(ms(1), vec![])).unwrap();
+        let spoke = batch.outputs.iter().find(|told| matches!(told.output, Output::Character { .. })).unwrap();
+        assert_eq!(spoke.at, ms(510));
+        assert!(batch.horizon > spoke.at && batch.mute_since.is_none());
+    }
+
+    #[test]
+    fn a_silent_board_is_run_ahead_to_the_cap_and_a_mute_one_not_at_all() {
+        let batch = Stepper::new(Counter::new(false, false)).turn(&turn(ms(1), vec![])).unwrap();
+        assert_eq!(batch.horizon, ms(1110));
+        let batch = Stepper::new(Counter::new(true, false)).turn(&turn(ms(1), vec![])).unwrap();
+        assert_eq!((batch.horizon, batch.mute_since), (ms(30), Some(Instant::START)));
+    }
+
+    #[test]
+    fn what_is_heard_takes_back_what_was_told_from_its_effect_on() {
+        let mut stepper = Stepper::new(Counter::new(false, false));
+        stepper.turn(&turn(ms(1), vec![])).unwrap();
+        let batch = stepper.turn(&turn(ms(1), vec![byte(7, ms(100))])).unwrap();
+        assert!(batch.from > ms(100) && batch.from < ms(101));
+        assert_eq!(batch.outputs[0].output, Output::Event { event: 0, value: 7 });
+        assert!(batch.outputs.iter().all(|told| told.at >= batch.from));
+    }
+
+    #[test]
+    fn a_broken_promise_is_named() {
+        let mut stepper = Stepper::new(Counter::new(true, true));
+        stepper.turn(&turn(ms(1), vec![])).unwrap();
+        assert_eq!(stepper.turn(&turn(ms(1000), vec![])), Err(BrokenPromise { at: ms(510) }));
+    }
+
+    #[test]
+    fn a_hung_board_does_nothing_and_its_fifo_overruns() {
+        let mut cell = Cell::new(Counter::new(false, true));
+        let hang = |at, hung| Heard::Stimulus { at, stimulus: Stimulus::Hang(hung) };
+        [hang(ms(100), true), hang(ms(2000), false)].iter().for_each(|heard| cell.hear(heard));
+        (1..=3).for_each(|n| cell.hear(&byte(n, ms(200 * u64::from(n)))));
+        let mut told = Vec::new();
+        cell.run(ms(2001), |at, output| told.push((at, output)));
+        let during: Vec<_> = told.iter().filter(|(at, _)| *at >= ms(100) && *at < ms(2000)).collect();
+        assert!(during.is_empty(), "{during:?}");
+        let fetched: Vec<_> = told.iter().filter(|(_, output)| matches!(output, Output::Event { .. })).collect();
+        let (first, second) = (Output::Event { event: 0, value: 1 }, Output::Event { event: 1, value: 2 });
+        assert_eq!(fetched, [&(ms(2000), first), &(ms(2000), second)]);
+        // The deadlines that passed meanwhile are due at once.
+        assert!(told.iter().any(|(at, output)| *at == ms(2000) && matches!(output, Output::Character { .. })));
+    }
+}

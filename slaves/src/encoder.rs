@@ -2,8 +2,9 @@
 
 /// A disc or strip with slots. A count is the number of the slot that the sensor sees.
 ///
-/// At the start the sensor is in the middle of slot 0. (Ours.) Counts take the sign of the true motion. (Ours: the paper
-/// reads one channel; with the sense of the drive as the sign, every count made while the loop brakes would be wrong.)
+/// At the start the sensor is in the middle of slot 0. (Ours.) Counts take the sign of the true motion. (Ours: the
+/// paper reads one channel; with the sense of the drive as the sign, every count made while the loop brakes would be
+/// wrong.)
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Encoder {
     slots_per_unit: f64,

@@ -345,7 +345,8 @@ mod tests {
         assert!((reached - 8.388).abs() <= 0.030, "{reached}");
     }
 
-    /// The compensator drives again from somewhat above 300 rpm on, so that the speed does not fall below the set point.
+    /// The compensator drives again from somewhat above 300 rpm on, so that the speed does not fall below the set
+    /// point.
     #[test]
     fn slowing_down_to_200_rpm_does_not_undershoot_by_a_count() {
         let mut run = Run::new();

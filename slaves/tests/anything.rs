@@ -38,7 +38,9 @@ fn acts() -> impl Strategy<Value = Vec<Act>> {
         3 => (0..8_000u64).prop_map(Act::Wait),
         2 => (0..12u64).prop_map(Act::Wait),
         5 => bytes.prop_map(Act::Bytes),
-        1 => (any::<u8>(), any::<bool>()).prop_map(|(byte, f)| Act::Bad(Character { byte, framing_error: f, overrun: !f })),
+        1 => (any::<u8>(), any::<bool>()).prop_map(|(byte, framing_error)| {
+            Act::Bad(Character { byte, framing_error, overrun: !framing_error })
+        }),
         1 => Just(Act::Reset),
         1 => any::<bool>().prop_map(Act::Stall),
         1 => (0..3_000u64).prop_map(Act::Hang),

@@ -114,7 +114,12 @@ mod tests {
 
     proptest! {
         #[test]
-        fn it_arrives_within_its_limits(distance in -70_000..70_000i64, speed in 1..=225i64, accel in 1..=225u32, from in -36_000..36_000i64) {
+        fn it_arrives_within_its_limits(
+            distance in -70_000..70_000i64,
+            speed in 1..=225i64,
+            accel in 1..=225u32,
+            from in -36_000..36_000i64,
+        ) {
             let mut profile = Profile::new(accel);
             profile.rest_at(from);
             profile.go(distance, speed);
