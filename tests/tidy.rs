@@ -1,5 +1,7 @@
 //! What the compiler does not check of the house rules.
 
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
+
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;

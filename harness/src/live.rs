@@ -5,7 +5,7 @@ use std::io;
 use torno_protocol::board::Stimulus;
 use torno_protocol::time::{Instant, Span};
 
-use crate::engine::{Fact, Limit};
+use crate::engine::Fact;
 use crate::observe::log;
 use crate::pace::{Brake, Pace};
 use crate::pc::{PcEvent, PcUart};
@@ -73,29 +73,37 @@ impl Live {
     pub async fn run(&mut self) -> Result<std::convert::Infallible, LiveError> {
         loop {
             let limit = self.brake.limit();
-            self.rig.advance(limit).await?;
+            while self.rig.step(limit).await? {
+                self.deliver();
+                // Whatever may end this must have its turn, even if all boards are in this process.
+                tokio::task::yield_now().await;
+            }
             self.deliver();
-            self.pace(limit);
+            self.hold_for_silence();
             let next = self.next_instant();
             // Full: the client's next bytes stay in the kernel.
             let room = if self.queued > DRIVER_LOW { 0 } else { DRIVER_QUEUE - self.queued };
             tokio::select! {
                 biased;
                 news = self.rig.news() => news?,
-                passed = self.brake.wait_past(next) => passed?,
+                passed = self.brake.wait_past(next) => {
+                    passed?;
+                    self.check_pace(next);
+                }
                 event = self.port.event(room) => self.take(event?)?,
             }
             self.keep_up().await?;
         }
     }
 
-    fn pace(&mut self, limit: Limit) {
+    fn hold_for_silence(&mut self) {
         let engine = self.rig.engine();
         self.brake.hold_for_silence(engine.waits_for_silence(), engine.frontier());
-        if self.brake.pace() != Pace::Max
-            && let Some(behind) = self.brake.reached(limit.until)
-        {
-            log::set_time(limit.until);
+    }
+
+    fn check_pace(&mut self, due: Instant) {
+        if let Some(behind) = self.brake.reached(due) {
+            log::set_time(due);
             tracing::warn!("this computer is {:.1} s behind; going on from here", behind.as_secs_f64());
         }
     }

@@ -13,8 +13,8 @@ use torno_protocol::time::{Instant, Span};
 use crate::engine::Limit;
 use crate::readable::readable;
 
-/// A host that is further behind than this does not try to catch up.
-const BEHIND: Span = Span::from_secs(1);
+/// A host that is further behind than this, in wall time, does not try to catch up.
+const BEHIND: Duration = Duration::from_secs(1);
 
 /// Virtual seconds per wall second.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -100,9 +100,10 @@ impl Brake {
         }
     }
 
-    /// Time has gone as far as `reached`. A host that fell far behind starts anew from there; says by how much.
-    pub fn reached(&mut self, reached: Instant) -> Option<Span> {
-        let behind = self.now()?.since(reached);
+    /// Time should have gone no further than `reached` by now. A host that is far behind starts anew from there; says by
+    /// how much wall time.
+    pub fn reached(&mut self, reached: Instant) -> Option<Duration> {
+        let behind = Duration::from_secs_f64(self.now()?.since(reached).as_secs_f64() / self.times());
         if behind <= BEHIND {
             return None;
         }
@@ -168,9 +169,11 @@ mod tests {
 
     #[tokio::test]
     async fn a_host_far_behind_starts_anew() {
-        let mut brake = Brake::new(Pace::Times(1000.0)).unwrap();
-        brake.wait_past(Instant::from_nanos(3_000_000_000)).await.unwrap();
-        assert!(brake.reached(Instant::START).is_some_and(|behind| behind > BEHIND));
-        assert_eq!(brake.reached(brake.now().unwrap()), None);
+        let mut brake = Brake::new(Pace::Times(1.0)).unwrap();
+        let (wall, start) = brake.anchor.unwrap();
+        brake.anchor = Some((wall - Duration::from_secs(5), start));
+        assert!(brake.reached(Instant::START).is_some_and(|behind| behind >= Duration::from_secs(5)));
+        assert!(brake.now().unwrap() < Instant::from_nanos(1_000_000_000));
+        assert_eq!(brake.reached(Instant::START), None);
     }
 }

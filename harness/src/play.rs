@@ -139,7 +139,7 @@ impl Play {
         let pc = rig.pc();
         rig.stimulate(pc, Instant::START + PROGRAM_START, Stimulus::Write(self.program.bytes()));
         let mut stage = Stage::new(rig, self.waveforms);
-        let brake = Brake::new(self.pace)?;
+        let mut brake = Brake::new(self.pace)?;
         loop {
             let limit = if self.pace == Pace::Max { Limit::NONE } else { brake.limit() };
             let mut steps = 0;
@@ -159,7 +159,10 @@ impl Play {
             let next = stage.rig.engine().next_instant();
             tokio::select! {
                 news = stage.rig.news() => news?,
-                passed = brake.wait_past(next) => passed?,
+                passed = brake.wait_past(next) => {
+                    passed?;
+                    brake.reached(next);
+                }
             }
         }
         stage.finish(self.program.frames.len()).await

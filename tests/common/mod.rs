@@ -1,6 +1,7 @@
 //! What the tests of the whole share: the program under test, a rig that is up, a PC at its port.
 
 #![allow(dead_code, reason = "no test uses all of it")]
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
 
 use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
@@ -36,6 +37,18 @@ pub fn torno(arguments: &[&str]) -> Command {
 /// Runs it to its end.
 pub fn output(arguments: &[&str]) -> Output {
     torno(arguments).output().unwrap()
+}
+
+/// Whether a program that others wrote is there, as `check` finds out. Where it is not, says that its test is skipped;
+/// in CI it must be there.
+pub fn is_installed(name: &str, check: &mut Command) -> bool {
+    let found = check.stdin(Stdio::null()).output().is_ok_and(|output| output.status.success());
+    if !found {
+        assert!(std::env::var_os("CI").is_none(), "{name} is not installed, and in CI nothing is skipped");
+        // Not `eprintln`, which the test harness keeps to itself.
+        writeln!(std::io::stderr(), "skipped: {name} is not installed").unwrap();
+    }
+    found
 }
 
 /// What it printed as JSON, one line.
@@ -83,10 +96,15 @@ impl Up {
     /// `torno up --json` with more arguments, in a folder of its own; waits until it is ready.
     pub fn start(arguments: &[&str]) -> Self {
         let folder = folder();
-        let link = folder.path().join("pc");
+        let mut command = torno(&["up", "--json", "--link", folder.path().join("pc").to_str().unwrap()]);
+        command.args(arguments);
+        Self::launch(command, folder)
+    }
+
+    /// Any command that ends in `torno up --json`; its log goes into `folder`.
+    pub fn launch(mut command: Command, folder: tempfile::TempDir) -> Self {
         let log = std::fs::File::create(folder.path().join("log")).unwrap();
-        let mut command = torno(&["up", "--json", "--link", link.to_str().unwrap()]);
-        let mut child = command.args(arguments).stdout(Stdio::piped()).stderr(log).spawn().unwrap();
+        let mut child = command.stdout(Stdio::piped()).stderr(log).spawn().unwrap();
         let mut line = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
         let ready = serde_json::from_str(&line).unwrap_or_else(|_| panic!("not ready: {line:?}"));

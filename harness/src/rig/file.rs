@@ -36,7 +36,8 @@ pub struct Pc {
     pub to: (usize, u8),
     /// Bits per second, 50…4 000 000. Default 9600.
     pub baud: u32,
-    /// Characters that the UART has loaded beyond the one on the line: these still go out after `XOFF`. 1…64, default 1.
+    /// Characters that the UART has loaded beyond the one on the line, and that still go out after `XOFF`. 1…64,
+    /// default 1.
     pub tx_fifo: usize,
     /// The error of the PC's clock. Default 0.
     pub clock: Clock,
