@@ -36,7 +36,7 @@ pub(super) struct Arguments {
 #[derive(Serialize)]
 struct Ready<'a> {
     rig: &'a str,
-    pace: String,
+    pace: serde_json::Value,
     ports: BTreeMap<&'static str, Port>,
     pid: u32,
     boards: BTreeMap<&'a str, Board>,
@@ -87,7 +87,11 @@ fn announcement(file: &RigFile, live: &Live, pace: Pace, json: bool) -> anyhow::
         let port = Port { path: link.to_owned(), device: live.port().path().to_owned(), baud };
         let ready = Ready {
             rig: &file.name,
-            pace: pace.to_string(),
+            pace: match pace {
+                // As it was typed: 1, not 1.0.
+                Pace::Times(_) => serde_json::from_str(&pace.to_string())?,
+                Pace::Max => "max".into(),
+            },
             ports: BTreeMap::from([("pc", port)]),
             pid: std::process::id(),
             boards: boards.map(|(name, pid)| (name, Board { pid })).collect(),

@@ -93,7 +93,7 @@ pub enum RigError {
         /// Why.
         message: String,
     },
-    /// A board has not answered for [`SLOW_BOARD`].
+    /// A board has not answered for ten seconds of wall time.
     #[error("board '{board}' has not answered for {} s", SLOW_BOARD.as_secs())]
     Slow {
         /// The board.
