@@ -15,13 +15,15 @@ use std::sync::mpsc;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use common::{ACK, AT_REST, LONG, NAK, PATIENCE, Pc, SHORT, Up, XOFF, XON};
+use common::{ACK, AT_REST, LONG, NAK, PATIENCE, Pc, Up, XOFF, XON};
 use common::{folder, is_installed, json, kill, output, torno, wait_until};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde_json::Value;
 use serialport::{ClearBuffer, FlowControl, SerialPort};
 
+/// Feed 225 counts, depth 1 slot out: about a second. The spindle stays at rest: stopping it takes ten.
+const FEED: [u8; 8] = [0x00, 0xe1, 0x00, 0xe1, 0x00, 0x00, 0x01, 0x00];
 /// Depth 5 slots out: about three seconds, time enough to do something while the slaves are busy.
 const MEDIUM: [u8; 8] = [0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x05, 0x00];
 /// Any user who is not root.
@@ -33,6 +35,14 @@ fn times(up: &Up, text: &str) -> usize {
 
 fn wait_for_times(up: &Up, text: &str, n: usize) {
     wait_until(&format!("{text:?} is logged {n} times; log:\n{}", up.log()), || times(up, text) >= n);
+}
+
+/// A rig that logs every byte that the PC's UART sends and receives.
+fn traced(arguments: &[&str]) -> Up {
+    let folder = folder();
+    let mut command = torno(&["up", "--json", "--link", folder.path().join("pc").to_str().unwrap()]);
+    command.args(arguments).env("RUST_LOG", "torno=trace");
+    Up::launch(command, folder)
 }
 
 /// A client that leaves being held to its operating system.
@@ -56,7 +66,7 @@ fn program(folder: &Path, frames: &[[u8; 8]]) -> PathBuf {
 fn two_frames_in_one_write_give_ack_xoff_xon_ack_xon() {
     let up = Up::start(&["--pace", "20"]);
     let mut pc = up.pc();
-    pc.write(&[SHORT, SHORT].concat());
+    pc.write(&[FEED, FEED].concat());
     pc.expect(&[ACK, XOFF, XON, ACK, XON]);
     assert!(pc.is_silent());
 }
@@ -65,7 +75,7 @@ fn two_frames_in_one_write_give_ack_xoff_xon_ack_xon() {
 fn third_frame_while_one_is_held_is_refused_and_the_held_one_executed() {
     let up = Up::start(&["--pace", "20"]);
     let mut pc = up.pc();
-    pc.write(&[MEDIUM, SHORT, AT_REST].concat());
+    pc.write(&[MEDIUM, FEED, AT_REST].concat());
     pc.expect(&[ACK, XOFF, NAK, b'o', XON, ACK, XON]);
     assert_eq!(times(&up, "distributed"), 2);
 }
@@ -75,7 +85,7 @@ fn frame_out_of_range_is_refused_at_once_also_while_slaves_are_busy() {
     let up = Up::start(&["--pace", "20"]);
     let mut pc = up.pc();
     let with = |at: usize, byte: u8| {
-        let mut frame = SHORT;
+        let mut frame = FEED;
         frame[at] = byte;
         frame
     };
@@ -84,7 +94,7 @@ fn frame_out_of_range_is_refused_at_once_also_while_slaves_are_busy() {
         pc.expect(&[NAK, letter]);
     }
     assert_eq!(times(&up, "distributed"), 0, "nothing of them moves");
-    pc.write(&[MEDIUM, with(4, 2), with(0, 201), SHORT].concat());
+    pc.write(&[MEDIUM, with(4, 2), with(0, 201), FEED].concat());
     pc.expect(&[ACK, NAK, b'd', NAK, b's', XOFF, XON, ACK, XON]);
 }
 
@@ -94,7 +104,7 @@ fn silence_in_mid_frame_cuts_the_part_short() {
     let mut pc = up.pc();
     for length in [1, 4, 7] {
         let start = Instant::now();
-        pc.write(&SHORT[..length]);
+        pc.write(&FEED[..length]);
         pc.expect(&[NAK, b'c']);
         assert!(start.elapsed() >= Duration::from_millis(50));
     }
@@ -118,10 +128,7 @@ fn answer_cannot_come_before_the_wire_time() {
 
 #[test]
 fn random_bytes_do_not_keep_a_valid_frame_after_a_gap_from_being_obeyed() {
-    let folder = folder();
-    let mut command = torno(&["up", "--json", "--pace", "20", "--link", folder.path().join("pc").to_str().unwrap()]);
-    command.env("RUST_LOG", "torno=trace");
-    let up = Up::launch(command, folder);
+    let up = traced(&["--pace", "200"]);
     let mut pc = up.pc();
     let mut random = ChaCha8Rng::seed_from_u64(2);
     for round in 1..=3 {
@@ -129,13 +136,13 @@ fn random_bytes_do_not_keep_a_valid_frame_after_a_gap_from_being_obeyed() {
         let before = times(&up, "pc: sent");
         pc.write(&bytes);
         wait_for_times(&up, "pc: sent", before + bytes.len());
-        wait_until("the slaves are at rest", || {
-            let log = up.log();
-            let last = |text| log.rfind(text);
-            last("distributed").max(last("frame held")) <= last("all slaves done")
+        // A gap of twenty seconds to the rig. A held frame is distributed soon after the one before it is done.
+        wait_until("the slaves stay at rest", || {
+            is_at_rest(&up) && {
+                thread::sleep(Duration::from_millis(100));
+                is_at_rest(&up)
+            }
         });
-        // The gap: two seconds to the rig.
-        thread::sleep(Duration::from_millis(100));
         let replies = pc.port.bytes_to_read().unwrap();
         assert!(replies > 0);
         pc.read(replies as usize);
@@ -143,6 +150,12 @@ fn random_bytes_do_not_keep_a_valid_frame_after_a_gap_from_being_obeyed() {
         assert_eq!(pc.read(2), [ACK, XON], "round {round}");
     }
     assert!(times(&up, "distributed") > 3 && times(&up, "frame refused") > 100, "not random enough");
+}
+
+fn is_at_rest(up: &Up) -> bool {
+    let log = up.log();
+    let last = |text| log.rfind(text);
+    last("distributed").max(last("frame held")) <= last("all slaves done")
 }
 
 /// Bytes of any value, frames that move a little, and parts of such frames.
@@ -216,12 +229,13 @@ fn flush_by_the_client_leaves_only_what_the_uart_had_loaded() {
 
 #[test]
 fn client_that_closes_in_mid_frame_leaves_the_next_neither_bytes_nor_replies() {
-    let up = Up::start(&[]);
+    let up = traced(&[]);
     for round in 1..=3 {
         let mut first = up.pc();
-        first.write(&SHORT[..5]);
+        first.write(&FEED[..5]);
         drop(first);
         wait_for_times(&up, "frame refused: cut short", round);
+        wait_for_times(&up, &format!("received {}", b'c'), round);
         wait_for_times(&up, "the PC port has been closed", 2 * round - 1);
         let mut second = up.pc();
         assert!(second.is_silent());
@@ -234,13 +248,14 @@ fn client_that_closes_in_mid_frame_leaves_the_next_neither_bytes_nor_replies() {
 
 #[test]
 fn client_that_closes_while_slaves_move_does_not_disturb_them() {
-    let up = Up::start(&[]);
+    let up = traced(&[]);
     let mut first = up.pc();
-    first.write(&[SHORT, AT_REST].concat());
+    first.write(&[FEED, AT_REST].concat());
     first.expect(&[ACK, XOFF]);
     drop(first);
     up.wait_for_log("the PC port has been closed");
     wait_for_times(&up, "all slaves done", 2);
+    wait_for_times(&up, &format!("received {XON}"), 2);
     let mut second = up.pc();
     second.write(&AT_REST);
     second.expect(&[ACK, XON]);
@@ -253,7 +268,7 @@ fn wrong_speed_gives_framing_errors_until_it_is_put_right() {
         let up = Up::start(&[]);
         let mut pc = Pc::open(&up.link(), baud);
         // Two in one write, so that there is something on the wire after a character too many.
-        pc.write(&[SHORT, SHORT].concat());
+        pc.write(&[FEED, FEED].concat());
         up.wait_for_log("framing error on the line from the PC");
         up.wait_for_log("frame refused: line error");
         assert_eq!(times(&up, "distributed"), 0);
@@ -270,11 +285,11 @@ fn wrong_speed_gives_framing_errors_until_it_is_put_right() {
 /// The first is held, the second does not understand `XON`: it must not be the third who pays.
 #[test]
 fn stop_that_a_client_could_not_understand_the_end_of_does_not_outlive_it() {
-    let up = Up::start(&[]);
+    let up = traced(&[]);
     let mut first = pc_with_ixon(&up);
     // Three bytes more: few enough are left for the rig to take the second client's.
-    first.write(&[&SHORT[..], &SHORT, &[0; 3]].concat());
-    up.wait_for_log("frame held");
+    first.write(&[&FEED[..], &FEED, &[0; 3]].concat());
+    up.wait_for_log(&format!("received {XOFF}"));
     drop(first);
     wait_for_times(&up, "the PC port has been closed", 1);
     let mut second = Pc::open(&up.link(), 19_200);
@@ -304,7 +319,7 @@ fn send(program: &Path, port: &Path, more: &[&str]) -> (Value, Option<i32>) {
 fn program_is_sent_frame_by_frame_as_held() {
     let up = Up::start(&[]);
     let folder = folder();
-    let (summary, code) = send(&program(folder.path(), &[SHORT, AT_REST, SHORT, AT_REST]), &up.link(), &[]);
+    let (summary, code) = send(&program(folder.path(), &[FEED, AT_REST, FEED, AT_REST]), &up.link(), &[]);
     assert_eq!((summary["outcome"].as_str(), code), (Some("completed"), Some(0)), "{summary}");
     let frames = &summary["frames"];
     assert_eq!((&frames["sent"], &frames["accepted"], &frames["rejected"]), (&4.into(), &4.into(), &0.into()));
@@ -327,7 +342,7 @@ fn program_with_a_refused_frame_ends_as_rejected() {
     let folder = folder();
     let mut wrong = AT_REST;
     wrong[7] = 2;
-    let (summary, code) = send(&program(folder.path(), &[AT_REST, wrong, SHORT]), &up.link(), &[]);
+    let (summary, code) = send(&program(folder.path(), &[AT_REST, wrong, FEED]), &up.link(), &[]);
     assert_eq!((summary["outcome"].as_str(), code), (Some("rejected"), Some(1)), "{summary}");
     assert_eq!(summary["frames"]["refusals"], Value::from(vec!["direction"]));
     assert_eq!(summary["frames"]["accepted"], 2);
@@ -413,7 +428,7 @@ fn exclusive_mode_of_a_client_that_was_killed_does_not_lock_out_the_next() {
         }
     };
     // The target folder may be closed to others.
-    let exe = folder.path().join("torno");
+    let exe = folder.path().join("program");
     fs::copy(env!("CARGO_BIN_EXE_torno"), &exe).unwrap();
     fs::set_permissions(&exe, PermissionsExt::from_mode(0o755)).unwrap();
     let program = program(folder.path(), &[LONG, AT_REST]);
@@ -477,7 +492,7 @@ fn stty_and_cat_send_a_program_that_is_held() {
     let up = Up::start(&[]);
     let folder = folder();
     let bytes = folder.path().join("program");
-    fs::write(&bytes, [&SHORT[..], &AT_REST.repeat(20)].concat()).unwrap();
+    fs::write(&bytes, [&FEED[..], &AT_REST.repeat(20)].concat()).unwrap();
     // Nobody has the port open any more while the rest leaves.
     shell("stty -F $0 9600 raw -echo ixon; cat $1 >$0", &[&up.link(), &bytes]);
     wait_for_times(&up, "all slaves done", 21);
@@ -541,7 +556,7 @@ import serial, sys
 ACK, XON, XOFF = b'\\x06', b'\\x11', b'\\x13'
 port = serial.Serial(sys.argv[1], 9600, timeout=60)
 held = 0
-for frame in [bytes.fromhex('0ae100e100000100'), bytes(8)] * 2:
+for frame in [bytes.fromhex('00e100e100000100'), bytes(8)] * 2:
     port.write(frame)
     reply = None
     while reply != ACK:
@@ -562,7 +577,7 @@ fn pyserial_with_xonxoff_is_held_by_blocking_writes_of_all_frames() {
     let script = "
 import serial, sys
 port = serial.Serial(sys.argv[1], 9600, xonxoff=True, timeout=60)
-for frame in [bytes.fromhex('0ae100e100000100')] + [bytes(8)] * 20:
+for frame in [bytes.fromhex('00e100e100000100')] + [bytes(8)] * 20:
     port.write(frame)
 replies = port.read(21)
 assert replies == b'\\x06' * 21, replies

@@ -1,1 +1,653 @@
-//! To be written.
+//! Whole programs through `torno run`: what it prints, the digest, the waveforms, faults on the way.
+
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
+
+mod common;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::Write;
+use std::path::Path;
+use std::process::Command;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+
+use common::{ACK, XOFF, XON, folder, is_installed, json, output};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+use serde_json::Value;
+use torno::engine::{Fact, Limit};
+use torno::observe::Digest;
+use torno::pace::Pace;
+use torno::pc::{PcEvent, PcUart};
+use torno::play::{Breakage, Careful, DEMONSTRATION, Finale, Play};
+use torno::rig::file::RigFile;
+use torno::rig::{Driver, Rig};
+use torno_protocol::board::Stimulus;
+use torno_protocol::lathe::{Fault, Outcome, Program, Slave};
+use torno_protocol::time::{Instant, Span};
+
+const ENQ: u8 = 0x05;
+const BEL: u8 = 0x07;
+const CAN: u8 = 0x18;
+
+/// The lines of the rig: the PC's, then the slaves', each with the bytes of a frame that its slave gets.
+const PC_LINES: [&str; 2] = ["pc_to_master", "master_to_pc"];
+const SLAVE_LINES: [(&str, &str, std::ops::Range<usize>); 3] = [
+    ("master_to_spindle", "spindle_to_master", 0..1),
+    ("master_to_transverse", "transverse_to_master", 1..5),
+    ("master_to_depth", "depth_to_master", 5..8),
+];
+
+const BAUD: u64 = 9600;
+const SECOND: u64 = 1_000_000_000;
+/// A character of ten bits, in nanoseconds.
+const CHARACTER: u64 = 10 * SECOND / BAUD;
+
+fn processes() -> Driver {
+    Driver::Processes { exe: env!("CARGO_BIN_EXE_torno").into() }
+}
+
+fn block_on<T>(future: impl Future<Output = T>) -> T {
+    tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap().block_on(future)
+}
+
+fn seconds(seconds: f64) -> Instant {
+    Instant::from_nanos((seconds * SECOND as f64) as u64)
+}
+
+fn demonstration() -> Program {
+    Program::parse(DEMONSTRATION.1).unwrap()
+}
+
+/// Plays frames in processes, with all waveforms.
+fn play(frames: &[[u8; 8]], breakages: Vec<Breakage>) -> Finale {
+    let file = RigFile::load("lathe").unwrap();
+    let program = Program { frames: frames.to_vec() };
+    let play = Play { file, program, driver: processes(), pace: Pace::Max, breakages, waveforms: true };
+    block_on(play.run(|_| ())).unwrap()
+}
+
+// --- what is printed ------------------------------------------------------------------------------------------------
+
+#[test]
+fn the_demonstration_completes_with_everything_in_its_json() {
+    let output = output(&["run", "--json"]);
+    assert_eq!(output.status.code(), Some(0));
+    assert_eq!(String::from_utf8_lossy(&output.stderr), "");
+    let summary = json(&output);
+    assert_eq!(summary["rig"], "lathe");
+    assert_eq!(summary["program"], "shaft.frames");
+    assert_eq!(summary["outcome"], "completed");
+
+    let frames = demonstration().frames.len() as u64;
+    assert!(frames >= 20);
+    for (name, expected) in [("sent", frames), ("accepted", frames), ("held", frames - 1), ("rejected", 0)] {
+        assert_eq!(summary["frames"][name].as_u64(), Some(expected), "{name}");
+    }
+    let number = |name: &str| summary[name].as_f64().unwrap();
+    assert!((120.0..=180.0).contains(&number("virtual_s")), "{summary}");
+    assert!(number("wall_s") > 0.0);
+    assert!((number("speedup") * number("wall_s") / number("virtual_s") - 1.0).abs() < 1e-6);
+    assert_eq!(summary["seed"].as_u64(), Some(0));
+    let digest = summary["digest"].as_str().unwrap();
+    assert!(digest.len() == 32 && digest.bytes().all(|byte| byte.is_ascii_hexdigit()), "{digest}");
+
+    let boards = summary["boards"].as_object().unwrap();
+    assert_eq!(boards.keys().collect::<Vec<_>>(), ["depth", "master", "spindle", "transverse"]);
+    assert_eq!(pids(&summary).len(), 5);
+    // The tool ends where it began, and everything stands.
+    for (board, quantity, expected) in [
+        ("master", "frames_distributed", frames as i64),
+        ("spindle", "speed_rpm", 0),
+        ("transverse", "position_counts", 0),
+        ("depth", "position_counts", 0),
+    ] {
+        assert_eq!(summary["boards"][board][quantity].as_i64(), Some(expected), "{board} {quantity}");
+    }
+}
+
+/// The processes of a summary: the harness's and the boards'.
+fn pids(summary: &Value) -> BTreeSet<u64> {
+    let boards = summary["boards"].as_object().unwrap().values();
+    boards.chain([summary]).map(|process| process["pid"].as_u64().unwrap()).collect()
+}
+
+#[test]
+fn the_summary_for_people_shows_five_processes_and_ends_with_completed() {
+    let output = output(&["run"]);
+    assert_eq!(output.status.code(), Some(0));
+    let text = String::from_utf8(output.stdout).unwrap();
+    let pid = |name: &str| {
+        let line = text.lines().find(|line| line.starts_with(name)).unwrap_or_else(|| panic!("{name}: {text}"));
+        line.split_whitespace().nth(1).unwrap().parse::<u64>().unwrap()
+    };
+    let pids: BTreeSet<u64> = ["harness", "master", "spindle", "transverse", "depth"].map(pid).into();
+    assert_eq!(pids.len(), 5, "{text}");
+    assert!(text.ends_with("completed\n"), "{text}");
+    assert!(!text.contains('\x1b'), "no colours where nobody looks: {text}");
+    assert!(text.contains("30 of 30 sent"), "{text}");
+}
+
+#[test]
+fn in_one_process_there_is_one_process() {
+    let summary = json(&output(&["run", "--json", "--in-process", "--seed", "7"]));
+    assert_eq!(pids(&summary).len(), 1);
+    assert_eq!((&summary["outcome"], summary["seed"].as_u64()), (&"completed".into(), Some(7)));
+}
+
+// --- the digest -----------------------------------------------------------------------------------------------------
+
+fn digest(arguments: &[&str]) -> String {
+    let output = output(&[&["run", "--json"], arguments].concat());
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    json(&output)["digest"].as_str().unwrap().to_owned()
+}
+
+#[test]
+fn the_digest_is_the_same_in_processes_in_one_process_and_at_a_pace() {
+    let first = digest(&[]);
+    assert_eq!(digest(&[]), first);
+    assert_eq!(digest(&["--in-process"]), first);
+    assert_eq!(digest(&["--pace", "200"]), first);
+    assert_eq!(digest(&["--in-process", "--pace", "500"]), first);
+    let folder = folder();
+    assert_eq!(digest(&["--vcd", folder.path().join("torno.vcd").to_str().unwrap()]), first);
+}
+
+#[test]
+fn the_digest_is_the_same_while_all_cores_are_busy() {
+    let idle = digest(&[]);
+    let stop = AtomicBool::new(false);
+    thread::scope(|scope| {
+        for _ in 0..thread::available_parallelism().unwrap().get() {
+            scope.spawn(|| {
+                while !stop.load(Ordering::Relaxed) {
+                    std::hint::spin_loop();
+                }
+            });
+        }
+        let busy: Vec<String> = (0..3).map(|_| digest(&[])).chain([digest(&["--pace", "200"])]).collect();
+        stop.store(true, Ordering::Relaxed);
+        assert_eq!(busy, [&*idle; 4]);
+    });
+}
+
+#[test]
+fn another_program_has_another_digest() {
+    let folder = folder();
+    let path = folder.path().join("other.frames");
+    std::fs::write(&path, DEMONSTRATION.1.replacen("4B 46 46 50", "4B 46 46 51", 1)).unwrap();
+    assert_ne!(digest(&[path.to_str().unwrap()]), digest(&[]));
+}
+
+/// The digest of the demonstration when time is cut into windows at random instants.
+async fn digest_in_random_windows(driver: &Driver, seed: u64) -> String {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let file = RigFile::load("lathe").unwrap();
+    let uart = PcUart::new(file.pc.baud, file.pc.tx_fifo, file.pc.clock).with_program(Careful::default());
+    let mut rig = Rig::start(&file, driver, uart).await.unwrap();
+    let pc = rig.pc();
+    rig.stimulate(pc, seconds(0.01), Stimulus::Write(demonstration().bytes()));
+    let mut digest = Digest::new(&rig);
+    let mut until = Instant::START;
+    while !rig.engine().is_quiet() {
+        // Mostly near the next thing that happens, from a nanosecond to milliseconds after it: each order of magnitude
+        // is as likely as any other. Sometimes much later.
+        let magnitude = if random.next_u32() % 32 == 0 { 10 } else { 8 };
+        let next = rig.engine().next_instant();
+        let from = if next.is_never() { until } else { until.max(next) };
+        until = from + Span::from_nanos(random.next_u64() % 10u64.pow(random.next_u32() % magnitude));
+        let silence = if random.next_u32() % 2 == 0 { until } else { Instant::NEVER };
+        for _ in 0..random.next_u32() % 4 {
+            rig.step(Limit { until, silence }).await.unwrap();
+        }
+        if random.next_u32() % 2 == 0 {
+            rig.advance(Limit::until(until)).await.unwrap();
+        }
+        rig.take_facts().iter().for_each(|fact| digest.add(fact));
+        assert!(until < seconds(1000.0), "the rig never falls quiet");
+    }
+    let end = rig.engine().quiet_since();
+    rig.catch_up(end.next()).await.unwrap();
+    rig.take_facts().iter().for_each(|fact| digest.add(fact));
+    digest.sum().to_string()
+}
+
+#[test]
+fn the_digest_is_the_same_when_time_is_cut_at_random_instants() {
+    let expected = digest(&[]);
+    for seed in 0..6 {
+        assert_eq!(block_on(digest_in_random_windows(&Driver::InProcess, seed)), expected, "seed {seed}");
+    }
+    assert_eq!(block_on(digest_in_random_windows(&processes(), 6)), expected, "in processes");
+}
+
+// --- the waveforms --------------------------------------------------------------------------------------------------
+
+/// A waveform dump, read by these tests' own means: for each wire its changes.
+struct Dump {
+    wires: BTreeMap<String, Vec<(u64, bool)>>,
+    end: u64,
+}
+
+/// A decoded character: the instant of its start bit, and its byte.
+type Heard = (u64, u8);
+
+impl Dump {
+    fn read(text: &str) -> Self {
+        let (head, body) = text.split_once("$enddefinitions $end").unwrap();
+        assert!(head.contains("$timescale 1 ns $end"), "{head}");
+        let mut names = BTreeMap::new();
+        for declaration in head.split("$var ").skip(1) {
+            let words: Vec<&str> = declaration.split_whitespace().collect();
+            assert_eq!((words[0], words[1], words[4]), ("wire", "1", "$end"), "{declaration}");
+            names.insert(words[2], words[3].to_owned());
+        }
+        let mut wires: BTreeMap<String, Vec<(u64, bool)>> = names.values().map(|name| (name.clone(), vec![])).collect();
+        let mut now = None;
+        for word in body.split_whitespace().filter(|word| !word.starts_with('$')) {
+            if let Some(time) = word.strip_prefix('#') {
+                let time = time.parse::<u64>().unwrap();
+                assert!(now.is_none_or(|now| now < time), "time must go on at {time}");
+                now = Some(time);
+            } else {
+                let (level, id) = word.split_at(1);
+                let level = match level {
+                    "0" => false,
+                    "1" => true,
+                    _ => panic!("no level: {word}"),
+                };
+                wires.get_mut(&names[id]).unwrap().push((now.unwrap(), level));
+            }
+        }
+        Self { wires, end: now.unwrap() }
+    }
+
+    fn of(finale: &Finale) -> Self {
+        let mut bytes = Vec::new();
+        finale.waveforms.as_ref().unwrap().write(&mut bytes, finale.end, Span::from_millis(2)).unwrap();
+        Self::read(std::str::from_utf8(&bytes).unwrap())
+    }
+
+    /// The level of a wire at an instant.
+    fn level(&self, wire: &str, at: u64) -> bool {
+        let changes = &self.wires[wire];
+        changes[changes.partition_point(|(time, _)| *time <= at) - 1].1
+    }
+
+    /// The characters on a wire: each bit is sampled once, in its middle.
+    fn characters(&self, wire: &str) -> Vec<Heard> {
+        let bit = |start: u64, n: u64| self.level(wire, start + (2 * n + 1) * SECOND / (2 * BAUD));
+        let mut characters: Vec<Heard> = Vec::new();
+        let mut free = 0;
+        for (start, _) in self.wires[wire].iter().filter(|(_, level)| !*level) {
+            if *start < free {
+                continue;
+            }
+            assert!(!bit(*start, 0) && bit(*start, 9), "{wire}: no start or no stop bit at {start}");
+            characters.push((*start, (0..8).map(|n| u8::from(bit(*start, n + 1)) << n).sum()));
+            // In the middle of the stop bit a decoder begins to look for the next start bit.
+            free = start + 19 * SECOND / (2 * BAUD);
+        }
+        characters
+    }
+
+    fn bytes(&self, wire: &str) -> Vec<u8> {
+        self.characters(wire).iter().map(|(_, byte)| *byte).collect()
+    }
+
+    /// The characters on a wire, put together as they follow one another without a gap.
+    fn bursts(&self, wire: &str) -> Vec<(u64, Vec<u8>)> {
+        let mut bursts: Vec<(u64, Vec<u8>)> = Vec::new();
+        let mut last = 0;
+        for (start, byte) in self.characters(wire) {
+            match bursts.last_mut() {
+                Some((_, bytes)) if start < last + 2 * CHARACTER => bytes.push(byte),
+                _ => bursts.push((start, vec![byte])),
+            }
+            last = start;
+        }
+        bursts
+    }
+
+    /// When the PC begins to read this reply for the first time.
+    fn replied_at(&self, byte: u8) -> u64 {
+        self.characters("master_to_pc").iter().find(|(_, found)| *found == byte).unwrap().0
+    }
+}
+
+fn demonstration_dump(path: &Path) -> Dump {
+    let summary = json(&output(&["run", "--json", "--vcd", path.to_str().unwrap()]));
+    assert_eq!(summary["outcome"], "completed");
+    Dump::read(&std::fs::read_to_string(path).unwrap())
+}
+
+#[test]
+fn the_dump_has_the_eight_lines_idle_high_around_all_characters() {
+    let folder = folder();
+    let dump = demonstration_dump(&folder.path().join("torno.vcd"));
+    let names = SLAVE_LINES.iter().flat_map(|(to, from, _)| [*to, *from]).chain(PC_LINES).collect::<BTreeSet<_>>();
+    assert_eq!(dump.wires.keys().map(String::as_str).collect::<BTreeSet<_>>(), names);
+    for (wire, changes) in &dump.wires {
+        assert_eq!(changes[0], (0, true), "{wire} is idle at 0");
+        assert!(changes[1].0 > CHARACTER, "{wire} is idle for a character before the first start bit");
+        assert!(changes[1..].windows(2).all(|two| two[0].1 != two[1].1), "{wire}: each change changes");
+        let last = dump.characters(wire).last().unwrap().0;
+        assert!(dump.end > last + CHARACTER, "{wire}: the dump goes on past the last stop bit");
+        assert!(dump.level(wire, dump.end), "{wire} is idle at the end");
+    }
+}
+
+#[test]
+fn every_line_carries_exactly_what_it_must() {
+    let folder = folder();
+    let dump = demonstration_dump(&folder.path().join("torno.vcd"));
+    let frames = demonstration().frames;
+    assert_eq!(dump.bytes("pc_to_master"), frames.concat());
+    // Every frame but the first is held.
+    let mut replies = vec![ACK];
+    frames.iter().skip(1).for_each(|_| replies.extend([XOFF, XON, ACK]));
+    replies.push(XON);
+    assert_eq!(dump.bytes("master_to_pc"), replies);
+
+    let mut enquiries = 0;
+    for (to, from, part) in SLAVE_LINES {
+        let mut parts = Vec::new();
+        let mut answers = Vec::new();
+        for (_, burst) in dump.bursts(to) {
+            if burst == [ENQ] {
+                enquiries += 1;
+                answers.push(BEL);
+            } else {
+                // The last part is done before the next one comes.
+                answers.extend((!parts.is_empty()).then_some(ACK));
+                parts.push(burst);
+            }
+        }
+        answers.push(ACK);
+        assert_eq!(parts, frames.iter().map(|frame| frame[part.clone()].to_vec()).collect::<Vec<_>>(), "{to}");
+        assert_eq!(dump.bytes(from), answers, "{from}");
+    }
+    assert!(enquiries > 50, "a process is watched while it runs: only {enquiries} enquiries");
+}
+
+#[test]
+fn sigrok_decodes_every_line_as_it_must_be() {
+    if !is_installed("sigrok-cli", Command::new("sigrok-cli").arg("--version")) {
+        return;
+    }
+    let folder = folder();
+    let path = folder.path().join("torno.vcd");
+    let dump = demonstration_dump(&path);
+    for wire in dump.wires.keys() {
+        // A sample each 5 us: 21 a bit. At each nanosecond it takes half a minute.
+        let output = Command::new("sigrok-cli")
+            .args(["-I", "vcd:downsample=5000", "-i", path.to_str().unwrap()])
+            .args(["-P", &format!("uart:rx={wire}:baudrate={BAUD}")])
+            .args(["-A", "uart=rx-data:rx-warnings:rx-break"])
+            .output()
+            .unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let text = String::from_utf8(output.stdout).unwrap();
+        let byte = |line: &str| {
+            let byte = line.strip_prefix("uart-1: ").and_then(|hex| u8::from_str_radix(hex, 16).ok());
+            byte.unwrap_or_else(|| panic!("{wire}: {line}"))
+        };
+        let bytes: Vec<u8> = text.lines().map(byte).collect();
+        // What these must be, the test above says.
+        assert_eq!(bytes, dump.bytes(wire), "{wire}");
+        assert!(wire != "pc_to_master" || bytes == demonstration().bytes());
+    }
+}
+
+// --- faults on the way ----------------------------------------------------------------------------------------------
+
+const TURNING: [u8; 8] = [0x4b, 0, 0, 0, 0, 0, 0, 0];
+/// Feed 9000 counts at 10 counts per 30 ms: 27 s.
+const FEED: [u8; 8] = [0x4b, 0x0a, 0x23, 0x28, 0x00, 0, 0, 0];
+/// Depth 400 slots out: four and a half minutes.
+const INFEED: [u8; 8] = [0x4b, 0, 0, 0, 0, 0x01, 0x90, 0];
+
+/// A board fails in motion, with a frame held and more to come. Checks what follows, and gives the final telemetry.
+fn fails(motion: [u8; 8], breakage: Breakage, at: f64, slave: Slave, fault: Fault) -> Finale {
+    let finale = play(&[TURNING, motion, FEED, INFEED, FEED], vec![breakage]);
+    assert_eq!(finale.outcome, Outcome::Faulted);
+    assert_eq!(finale.conversation.failures, [(slave, fault)]);
+
+    let dump = Dump::of(&finale);
+    let can = [CAN, slave.letter(), fault.letter()];
+    let replies = [&[ACK, XOFF, XON, ACK, XOFF][..], &can, &[XON]].concat();
+    assert_eq!(dump.bytes("master_to_pc"), replies);
+    let broken = (at * SECOND as f64) as u64;
+    let told = dump.replied_at(CAN);
+    assert!(broken < told && told + 3 * CHARACTER < broken + 3 * SECOND, "at {at} s, told at {told} ns");
+
+    // The two frames before the fault went out, and no later one.
+    for (wire, _, part) in SLAVE_LINES {
+        let parts: Vec<_> = dump.bursts(wire).into_iter().filter(|(_, burst)| *burst != [ENQ]).collect();
+        let expected = [TURNING, motion].map(|frame| frame[part.clone()].to_vec());
+        assert_eq!(parts.iter().map(|(_, part)| part.clone()).collect::<Vec<_>>(), expected, "{wire}");
+    }
+    assert_eq!(telemetry(&finale, "master", "frames_distributed"), 2);
+    assert_eq!(telemetry(&finale, "master", "slaves_busy"), 0);
+    assert_eq!(telemetry(&finale, "master", "frame_held"), 0);
+    finale
+}
+
+fn telemetry(finale: &Finale, board: &str, quantity: &str) -> i64 {
+    finale.boards.iter().find(|other| other.name == board).unwrap().telemetry[quantity]
+}
+
+fn cut(line: &str, at: f64) -> Breakage {
+    Breakage::Cut { line: line.to_owned(), at: seconds(at) }
+}
+
+fn stall(board: &str, at: f64) -> Breakage {
+    Breakage::Stimulus { board: board.to_owned(), at: seconds(at), stimulus: Stimulus::Stall(true) }
+}
+
+#[test]
+fn a_slave_whose_answers_are_cut_off_in_motion_is_reported_within_three_seconds() {
+    for at in [7.0, 20.5] {
+        let finale = fails(INFEED, cut("depth_to_master", at), at, Slave::Depth, Fault::NoAnswer);
+        // Nobody told the axis to stop: it does what it was told, and no more.
+        assert_eq!(telemetry(&finale, "depth", "position_counts"), 400);
+        assert_eq!(telemetry(&finale, "transverse", "position_counts"), 0);
+    }
+    fails(FEED, cut("transverse_to_master", 12.345), 12.345, Slave::Transverse, Fault::NoAnswer);
+}
+
+#[test]
+fn a_slave_that_is_cut_off_from_its_master_in_motion_is_reported_within_three_seconds() {
+    for at in [5.0, 12.3] {
+        let finale = fails(FEED, cut("master_to_transverse", at), at, Slave::Transverse, Fault::NoAnswer);
+        assert_eq!(telemetry(&finale, "transverse", "position_counts"), 9000);
+        assert_eq!(telemetry(&finale, "depth", "position_counts"), 0);
+    }
+    fails(INFEED, cut("master_to_depth", 6.0), 6.0, Slave::Depth, Fault::NoAnswer);
+}
+
+#[test]
+fn a_motor_that_stalls_in_motion_is_reported_and_switched_off() {
+    for (motion, at, slave) in [(FEED, 10.0, Slave::Transverse), (INFEED, 10.0, Slave::Depth)] {
+        let finale = fails(motion, stall(slave.name(), at), at, slave, Fault::Stalled);
+        assert_eq!(telemetry(&finale, slave.name(), "drive"), 0);
+        let position = telemetry(&finale, slave.name(), "position_counts");
+        assert!((1..8000).contains(&position), "{position}");
+    }
+}
+
+#[test]
+fn a_spindle_that_stalls_while_it_starts_is_reported() {
+    let finale = play(&[TURNING, FEED, FEED], vec![stall("spindle", 0.1)]);
+    assert_eq!(finale.outcome, Outcome::Faulted);
+    assert_eq!(finale.conversation.failures, [(Slave::Spindle, Fault::Stalled)]);
+    let dump = Dump::of(&finale);
+    assert_eq!(dump.bytes("master_to_pc"), [ACK, XOFF, CAN, b's', b's', XON]);
+    assert!(dump.replied_at(CAN) < 3 * SECOND + SECOND / 10);
+    assert_eq!(telemetry(&finale, "transverse", "position_counts"), 0);
+    assert_eq!((telemetry(&finale, "spindle", "drive"), telemetry(&finale, "spindle", "speed_rpm")), (0, 0));
+}
+
+#[test]
+fn a_spindle_that_stalls_while_an_axis_moves_is_reported() {
+    let at = 10.0;
+    let finale = fails(FEED, stall("spindle", at), at, Slave::Spindle, Fault::Stalled);
+    assert_eq!(telemetry(&finale, "transverse", "position_counts"), 9000);
+}
+
+#[test]
+fn an_axis_that_runs_into_its_end_of_travel_is_reported() {
+    // From mid-travel: 450 slots, and 36000 counts.
+    let feed = [0x00, 0xe1, 0x75, 0x30, 0x01, 0, 0, 0];
+    let infeed = [0x00, 0, 0, 0, 0, 0x01, 0x2c, 0x01];
+    for (frame, slave, least) in [(infeed, Slave::Depth, -455..=-445), (feed, Slave::Transverse, -36_050..=-35_950)] {
+        let finale = play(&[frame, frame, frame, TURNING], Vec::new());
+        assert_eq!(finale.outcome, Outcome::Faulted);
+        assert_eq!(finale.conversation.failures, [(slave, Fault::EndOfTravel)]);
+        let can = [CAN, slave.letter(), b'e'];
+        let replies = [&[ACK, XOFF, XON, ACK, XOFF][..], &can, &[XON]].concat();
+        assert_eq!(Dump::of(&finale).bytes("master_to_pc"), replies);
+        assert!(least.contains(&telemetry(&finale, slave.name(), "position_counts")), "{:?}", finale.boards.len());
+        assert_eq!(telemetry(&finale, slave.name(), "drive"), 0);
+        assert_eq!(telemetry(&finale, "spindle", "set_point_rpm"), 0);
+    }
+}
+
+// --- frames that are refused ----------------------------------------------------------------------------------------
+
+#[test]
+fn bad_frames_are_refused_with_reasons_and_move_nothing_while_the_others_are_executed() {
+    let folder = folder();
+    let path = folder.path().join("bad.frames");
+    let mut file = std::fs::File::create(&path).unwrap();
+    // The bad ones would move everything, were it not for one byte.
+    let lines = [
+        "0A 00 00 00 00 00 00 00",
+        "32 E1 10 00 02 00 40 00 # feed direction",
+        "0A E1 03 E8 00 00 05 00",
+        "32 E1 10 00 00 00 40 02 # depth direction",
+        "03 E1 10 00 00 00 40 00 # spindle speed",
+        "32 00 10 00 00 00 40 00 # no speed for a distance",
+        "32 E2 10 00 00 00 40 00 # feed speed",
+        "0A E1 00 64 01 00 02 01",
+    ];
+    writeln!(file, "{}", lines.join("\n")).unwrap();
+    let run = output(&["run", path.to_str().unwrap(), "--json"]);
+    assert_eq!(run.status.code(), Some(1));
+    let summary = json(&run);
+    assert_eq!(summary["outcome"], "rejected");
+    let frames = &summary["frames"];
+    assert_eq!(frames["refusals"], serde_json::json!(["direction", "direction", "speed", "speed", "speed"]));
+    for (name, expected) in [("sent", 8), ("accepted", 3), ("rejected", 5)] {
+        assert_eq!(frames[name].as_u64(), Some(expected), "{name}");
+    }
+    for (board, quantity, expected) in [
+        ("master", "frames_distributed", 3),
+        ("spindle", "set_point_rpm", 200),
+        ("transverse", "position_counts", 900),
+        ("depth", "position_counts", 3),
+    ] {
+        let found = summary["boards"][board][quantity].as_i64().unwrap();
+        // An axis is in position within one count.
+        assert!((found - expected).abs() <= 1, "{board} {quantity}: {found}");
+    }
+
+    let run = output(&["run", path.to_str().unwrap()]);
+    assert_eq!(run.status.code(), Some(1));
+    let text = String::from_utf8(run.stdout).unwrap();
+    assert!(text.contains("refused: direction, direction, speed, speed, speed"), "{text}");
+    assert!(text.ends_with("rejected\n"), "{text}");
+}
+
+#[test]
+fn after_hours_of_any_bytes_a_frame_is_obeyed() {
+    for seed in 0..4 {
+        block_on(hours_of_any_bytes(seed));
+    }
+}
+
+async fn hours_of_any_bytes(seed: u64) {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let file = RigFile::load("lathe").unwrap();
+    let uart = PcUart::new(file.pc.baud, file.pc.tx_fifo, file.pc.clock);
+    let mut rig = Rig::start(&file, &Driver::InProcess, uart).await.unwrap();
+    let pc = rig.pc();
+    let mut counts = Counts::new(&rig);
+    let mut now = Instant::START;
+    while now < seconds(3600.0) {
+        let baud = [9600, 9600, 9600, 4800, 19_200][random.next_u32() as usize % 5];
+        rig.stimulate(pc, now, Stimulus::Configure { baud, ixon: random.next_u32() % 4 == 0 });
+        rig.stimulate(pc, now, Stimulus::Write(any_bytes(&mut random)));
+        // From a microsecond to a minute.
+        now +=
+            Span::from_micros(random.next_u64() % [100, 10_000, 100_000, 60_000_000][random.next_u32() as usize % 4]);
+        rig.advance(Limit::until(now)).await.unwrap();
+        counts.add(&mut rig);
+    }
+    rig.stimulate(pc, now, Stimulus::Discard);
+    rig.stimulate(pc, now, Stimulus::Configure { baud: BAUD as u32, ixon: false });
+    rig.advance(Limit::NONE).await.unwrap();
+    counts.add(&mut rig);
+    assert!(rig.engine().is_quiet(), "seed {seed}: the rig never comes to rest");
+    assert!(counts.of(&rig, "master", "frames_distributed") > 5, "seed {seed}: nothing happened");
+
+    let depth = counts.of(&rig, "depth", "position_counts");
+    let frames = counts.of(&rig, "master", "frames_distributed");
+    counts.received.clear();
+    // Towards the middle, where there is room; after a silence.
+    let towards = u8::from(depth > 0);
+    rig.stimulate(
+        pc,
+        now.max(rig.engine().frontier()) + Span::from_millis(100),
+        Stimulus::Write(vec![0, 0, 0, 0, 0, 0, 20, towards]),
+    );
+    rig.advance(Limit::NONE).await.unwrap();
+    counts.add(&mut rig);
+    assert_eq!(counts.received, [ACK, XON], "seed {seed}");
+    assert_eq!(counts.of(&rig, "master", "frames_distributed"), frames + 1);
+    let moved = counts.of(&rig, "depth", "position_counts") - depth;
+    assert!((moved.abs() - 20).abs() <= 2 && (moved < 0) == (depth > 0), "seed {seed}: {depth} and {moved}");
+}
+
+/// Now and then a frame, sometimes with a byte wrong or missing; else anything.
+fn any_bytes(random: &mut ChaCha8Rng) -> Vec<u8> {
+    let mut byte = |values: u32| (random.next_u32() % values) as u8;
+    let mut bytes = vec![byte(250), 1 + byte(230), byte(8), byte(255), byte(2), 0, byte(60), byte(2)];
+    match byte(5) {
+        0 => {}
+        1 => bytes[usize::from(byte(8))] = byte(255),
+        2 => bytes.truncate(usize::from(byte(8))),
+        3 => bytes = bytes.repeat(1 + usize::from(byte(6))),
+        _ => bytes = (0..byte(100)).map(|_| byte(256)).collect(),
+    }
+    bytes
+}
+
+/// The last telemetry of a rig, and what its PC has received.
+struct Counts {
+    telemetry: torno::observe::Telemetry,
+    received: Vec<u8>,
+}
+
+impl Counts {
+    fn new(rig: &Rig) -> Self {
+        Self { telemetry: torno::observe::Telemetry::new(rig), received: Vec::new() }
+    }
+
+    fn add(&mut self, rig: &mut Rig) {
+        for fact in rig.take_facts() {
+            self.telemetry.add(&fact);
+            if let Fact::Event { node, event, value, .. } = fact
+                && node == rig.pc()
+                && let Some(PcEvent::Received(byte)) = PcEvent::from_numbers(event, value)
+            {
+                self.received.push(byte);
+            }
+        }
+    }
+
+    fn of(&self, rig: &Rig, board: &str, quantity: &str) -> i64 {
+        self.telemetry.of(rig.nodes().iter().position(|node| node.name == board).unwrap())[quantity]
+    }
+}

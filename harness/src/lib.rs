@@ -17,3 +17,4 @@ pub mod report;
 pub mod rig;
 pub mod seat;
 pub mod send;
+pub mod text;

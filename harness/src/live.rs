@@ -4,8 +4,9 @@ use std::io;
 
 use torno_protocol::board::Stimulus;
 use torno_protocol::time::{Instant, Span};
+use torno_protocol::uart::BITS_PER_CHARACTER;
 
-use crate::engine::Fact;
+use crate::engine::{Fact, Limit};
 use crate::observe::log;
 use crate::pace::{Brake, Pace};
 use crate::pc::{PcEvent, PcUart};
@@ -30,6 +31,8 @@ pub struct Live {
     settings: LineSettings,
     /// Bytes that the client has written and that are not yet on the line.
     queued: usize,
+    /// How far time has gone.
+    reached: Instant,
     kept_up: Instant,
 }
 
@@ -40,7 +43,7 @@ pub enum LiveError {
     #[error(transparent)]
     Rig(#[from] RigError),
     /// The PC port, or the timer.
-    #[error("the PC port failed: {0}")]
+    #[error("the PC port failed")]
     Port(#[from] io::Error),
 }
 
@@ -53,7 +56,15 @@ impl Live {
         let uart = PcUart::new(file.pc.baud, file.pc.tx_fifo, file.pc.clock);
         let rig = Rig::start(file, driver, uart).await?;
         let settings = LineSettings { baud: file.pc.baud, ixon: false };
-        Ok(Self { rig, port, brake: Brake::new(pace)?, settings, queued: 0, kept_up: Instant::START })
+        Ok(Self {
+            rig,
+            port,
+            brake: Brake::new(pace)?,
+            settings,
+            queued: 0,
+            reached: Instant::START,
+            kept_up: Instant::START,
+        })
     }
 
     /// The rig.
@@ -72,28 +83,67 @@ impl Live {
     /// [`LiveError`]: this is the only way in which it ends by itself.
     pub async fn run(&mut self) -> Result<std::convert::Infallible, LiveError> {
         loop {
-            let limit = self.brake.limit();
+            let allowed = self.brake.limit();
+            let limit = self.slice(allowed);
             while self.rig.step(limit).await? {
                 self.deliver();
                 // Whatever may end this must have its turn, even if all boards are in this process.
                 tokio::task::yield_now().await;
             }
+            self.reached = limit.until;
             self.deliver();
             self.hold_for_silence();
-            let next = self.next_instant();
-            // Full: the client's next bytes stay in the kernel.
-            let room = if self.queued > DRIVER_LOW { 0 } else { DRIVER_QUEUE - self.queued };
-            tokio::select! {
-                biased;
-                news = self.rig.news() => news?,
-                passed = self.brake.wait_past(next) => {
-                    passed?;
-                    self.check_pace(next);
-                }
-                event = self.port.event(room) => self.take(event?)?,
+            let took = self.take_waiting()?;
+            if !took && limit == allowed {
+                self.wait().await?;
             }
             self.keep_up().await?;
         }
+    }
+
+    /// Waits for something to do.
+    async fn wait(&mut self) -> Result<(), LiveError> {
+        let next = self.next_instant();
+        let room = self.room();
+        tokio::select! {
+            biased;
+            news = self.rig.news() => news?,
+            passed = self.brake.wait_past(next) => {
+                passed?;
+                self.check_pace(next);
+            }
+            event = self.port.event(room) => {
+                let now = self.brake.now();
+                self.take(event?, now.unwrap_or_default())?;
+            }
+        }
+        Ok(())
+    }
+
+    /// How far to go at once: while the UART has something to send, no further than to where it wants more. So a
+    /// stream has no gap, however late this computer looks.
+    fn slice(&self, allowed: Limit) -> Limit {
+        if self.queued == 0 || self.brake.pace() == Pace::Max {
+            return allowed;
+        }
+        let low = BITS_PER_CHARACTER * DRIVER_LOW as u64 * 1_000_000_000 / u64::from(self.settings.baud.max(1));
+        Limit::until(allowed.until.min(self.reached + Span::from_nanos(low)))
+    }
+
+    /// How many of the client's bytes the driver takes; the others stay in the kernel.
+    const fn room(&self) -> usize {
+        if self.queued > DRIVER_LOW { 0 } else { DRIVER_QUEUE - self.queued }
+    }
+
+    /// Takes what has come from the client meanwhile: it follows on what came before.
+    fn take_waiting(&mut self) -> Result<bool, LiveError> {
+        let at = if self.brake.pace() == Pace::Max { Instant::START } else { self.reached };
+        let mut took = false;
+        while let Some(event) = self.port.try_event(self.room())? {
+            self.take(event, at)?;
+            took = true;
+        }
+        Ok(took)
     }
 
     fn hold_for_silence(&mut self) {
@@ -147,38 +197,43 @@ impl Live {
         }
     }
 
-    fn take(&mut self, event: PortEvent) -> Result<(), LiveError> {
+    fn take(&mut self, event: PortEvent, at: Instant) -> Result<(), LiveError> {
+        self.configure(at)?;
         match event {
             PortEvent::Data(bytes) => {
-                self.configure()?;
                 self.queued += bytes.len();
-                self.stimulate(Stimulus::Write(bytes));
+                self.stimulate(at, Stimulus::Write(bytes));
             }
             PortEvent::Flushed => {
                 self.queued = 0;
-                self.stimulate(Stimulus::Discard);
+                self.stimulate(at, Stimulus::Discard);
             }
-            PortEvent::Opened => tracing::info!("the PC port has been opened"),
+            PortEvent::Opened => {
+                tracing::info!("the PC port has been opened");
+                // As an opened tty does: whatever stopped the client before is not this one's.
+                let LineSettings { baud, ixon } = self.settings;
+                [false, ixon].into_iter().for_each(|ixon| self.stimulate(at, Stimulus::Configure { baud, ixon }));
+            }
+            PortEvent::FlowControl => {}
             PortEvent::Closed => tracing::info!("the PC port has been closed"),
         }
         Ok(())
     }
 
     /// Sets the UART to what the client has set.
-    fn configure(&mut self) -> Result<(), LiveError> {
+    fn configure(&mut self, at: Instant) -> Result<(), LiveError> {
         let settings = self.port.settings()?;
         if settings != self.settings {
             let LineSettings { baud, ixon } = settings;
             self.settings = LineSettings { baud, ixon };
             tracing::info!("the program at the PC port sets {baud} baud, XON/XOFF {}", if ixon { "on" } else { "off" });
-            self.stimulate(Stimulus::Configure { baud, ixon });
+            self.stimulate(at, Stimulus::Configure { baud, ixon });
         }
         Ok(())
     }
 
-    fn stimulate(&mut self, stimulus: Stimulus) {
-        let now = self.brake.now().unwrap_or_default();
+    fn stimulate(&mut self, at: Instant, stimulus: Stimulus) {
         let pc = self.rig.pc();
-        self.rig.stimulate(pc, now, stimulus);
+        self.rig.stimulate(pc, at, stimulus);
     }
 }

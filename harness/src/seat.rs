@@ -21,7 +21,7 @@ pub enum SeatError {
     )]
     NoSocket,
     /// The socket failed.
-    #[error("the harness cannot be understood: {0}")]
+    #[error("the harness cannot be understood")]
     Socket(#[from] io::Error),
 }
 

@@ -24,7 +24,7 @@ pub struct Send {
 #[derive(Debug, thiserror::Error)]
 pub enum SendError {
     /// The port cannot be opened.
-    #[error("cannot open the serial port '{port}': {source}")]
+    #[error("cannot open the serial port '{port}'")]
     Open {
         /// The port.
         port: String,
@@ -32,7 +32,7 @@ pub enum SendError {
         source: tokio_serial::Error,
     },
     /// The port failed.
-    #[error("the serial port '{port}' failed: {source}")]
+    #[error("the serial port '{port}' failed")]
     Port {
         /// The port.
         port: String,

@@ -237,13 +237,16 @@ impl Master {
             self.event(Event::SlaveLineError, letter);
             return;
         };
-        match self.firmware.links[slave as usize].supervision.byte(byte) {
+        match self.firmware.links[slave as usize].supervision.byte(now, byte) {
             Report::Done => {
                 self.report_busy();
                 self.check_done(now);
             }
             Report::Failed(fault) => self.slave_failed(now, slave, fault),
-            Report::Back => self.event(Event::SlaveBack, letter),
+            Report::Back => {
+                self.event(Event::SlaveBack, letter);
+                self.report_busy();
+            }
             Report::OutOfPlace => self.event(Event::SlaveOutOfPlace, letter),
             Report::Nothing => {}
         }

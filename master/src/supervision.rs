@@ -57,9 +57,13 @@ impl Supervision {
     pub(crate) fn start(&mut self, now: Instant) {
         self.cancelling = false;
         if self.state != State::Lost {
-            let deadline = now + self.patience.period;
-            self.state = State::Busy { deadline, unanswered: 0, next_period: deadline };
+            self.watch(now);
         }
+    }
+
+    fn watch(&mut self, now: Instant) {
+        let deadline = now + self.patience.period;
+        self.state = State::Busy { deadline, unanswered: 0, next_period: deadline };
     }
 
     pub(crate) fn is_busy(&self) -> bool {
@@ -90,7 +94,7 @@ impl Supervision {
     }
 
     /// The slave sent a byte.
-    pub(crate) fn byte(&mut self, byte: u8) -> Report {
+    pub(crate) fn byte(&mut self, now: Instant, byte: u8) -> Report {
         if core::mem::take(&mut self.cancelling) {
             return match Fault::from_letter(byte) {
                 Some(fault) => self.failed(fault),
@@ -102,8 +106,13 @@ impl Supervision {
                 self.cancelling = true;
                 Report::Nothing
             }
-            (ACK | BEL, State::Lost) => {
+            (ACK, State::Lost) => {
                 self.state = State::Idle;
+                Report::Back
+            }
+            // It is still at what it was told before it was lost: what comes next must wait for it.
+            (BEL, State::Lost) => {
+                self.watch(now);
                 Report::Back
             }
             (ACK, State::Busy { .. }) => {
@@ -143,30 +152,43 @@ mod tests {
         supervision
     }
 
-    #[test]
-    fn enquires_once_a_second() {
-        let mut slave = busy();
-        for second in 1..4 {
-            assert_eq!(slave.poll_timeout(), Some(ms(1000 * second)));
-            assert!(slave.handle_timeout(ms(1000 * second)));
-            assert_eq!(slave.byte(BEL), Report::Nothing);
-        }
-        assert_eq!(slave.byte(ACK), Report::Done);
-        assert_eq!(slave.poll_timeout(), None);
-    }
-
-    #[test]
-    fn the_third_unanswered_enquiry_loses_it() {
+    fn lost() -> Supervision {
         let mut slave = busy();
         for at in [1000, 1020, 1040] {
             assert_eq!(slave.poll_timeout(), Some(ms(at)));
             assert!(slave.handle_timeout(ms(at)));
         }
         assert!(!slave.handle_timeout(ms(1060)));
+        slave
+    }
+
+    #[test]
+    fn enquires_once_a_second() {
+        let mut slave = busy();
+        for second in 1..4 {
+            assert_eq!(slave.poll_timeout(), Some(ms(1000 * second)));
+            assert!(slave.handle_timeout(ms(1000 * second)));
+            assert_eq!(slave.byte(ms(0), BEL), Report::Nothing);
+        }
+        assert_eq!(slave.byte(ms(0), ACK), Report::Done);
+        assert_eq!(slave.poll_timeout(), None);
+    }
+
+    #[test]
+    fn the_third_unanswered_enquiry_loses_it() {
+        let mut slave = lost();
         assert!(slave.is_lost() && !slave.is_busy());
         slave.start(ms(2000));
         assert!(slave.is_lost(), "instructions alone do not bring it back");
-        assert_eq!(slave.byte(ACK), Report::Back);
+        assert_eq!(slave.byte(ms(0), ACK), Report::Back);
+    }
+
+    #[test]
+    fn one_that_comes_back_busy_is_waited_for() {
+        let mut slave = lost();
+        assert_eq!(slave.byte(ms(5000), BEL), Report::Back);
+        assert_eq!(slave.poll_timeout(), Some(ms(6000)));
+        assert_eq!(slave.byte(ms(5500), ACK), Report::Done);
     }
 
     #[test]
@@ -174,23 +196,23 @@ mod tests {
         let mut slave = busy();
         slave.handle_timeout(ms(1000));
         slave.handle_timeout(ms(1020));
-        slave.byte(BEL);
+        slave.byte(ms(0), BEL);
         assert_eq!(slave.poll_timeout(), Some(ms(2000)));
     }
 
     #[test]
     fn a_fault_is_reported_with_its_letter() {
         let mut slave = busy();
-        assert_eq!(slave.byte(CAN), Report::Nothing);
-        assert_eq!(slave.byte(b'e'), Report::Failed(Fault::EndOfTravel));
+        assert_eq!(slave.byte(ms(0), CAN), Report::Nothing);
+        assert_eq!(slave.byte(ms(0), b'e'), Report::Failed(Fault::EndOfTravel));
         assert!(!slave.is_busy() && !slave.is_lost());
     }
 
     #[test]
     fn a_broken_fault_report_leaves_it_busy() {
         let mut slave = busy();
-        slave.byte(CAN);
-        assert_eq!(slave.byte(0xff), Report::OutOfPlace);
+        slave.byte(ms(0), CAN);
+        assert_eq!(slave.byte(ms(0), 0xff), Report::OutOfPlace);
         assert!(slave.is_busy());
     }
 }

@@ -1,6 +1,6 @@
 //! What the tests of the whole share: the program under test, a rig that is up, a PC at its port.
 
-#![allow(dead_code, reason = "no test uses all of it")]
+#![allow(dead_code, unreachable_pub, reason = "every test has a copy and uses a part")]
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
 
 use std::io::{BufRead, BufReader, ErrorKind, Read, Write};

@@ -19,6 +19,7 @@ use torno::rig::file::{DEFAULT, RigFile, RigFileError};
 use torno::rig::{Driver, RigError};
 use torno::seat::SeatError;
 use torno::send::SendError;
+use torno::text::{self, TextError};
 use torno_protocol::lathe::Program;
 
 /// A check failed: the program was not executed as it should have been.
@@ -114,11 +115,9 @@ fn load_program(path: Option<&Path>) -> anyhow::Result<(String, Program)> {
         return Ok((name.to_owned(), Program::parse(text).context(name)?));
     };
     let name = path.display().to_string();
-    let bytes = std::fs::read(path).with_context(|| format!("cannot read the program '{name}'"))?;
-    let text = String::from_utf8(bytes).map_err(|error| {
-        let valid = error.utf8_error().valid_up_to();
-        let line = error.as_bytes()[..valid].iter().filter(|byte| **byte == b'\n').count() + 1;
-        anyhow::anyhow!("{name}: line {line}: expected text (UTF-8)")
+    let text = text::read(path).map_err(|error| match error {
+        TextError::Unreadable(error) => anyhow::Error::new(error).context(format!("cannot read the program '{name}'")),
+        TextError::NotText { .. } => anyhow::Error::new(error).context(name.clone()),
     })?;
     let program = Program::parse(&text).with_context(|| name.clone())?;
     Ok((name, program))

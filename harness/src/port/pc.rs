@@ -15,6 +15,8 @@ pub enum PortEvent {
     Data(Vec<u8>),
     /// The client has flushed its output: whatever it wrote before and has not left yet is to be forgotten.
     Flushed,
+    /// The client has turned XON/XOFF on or off: see [`PcPort::settings`].
+    FlowControl,
     /// The last client has closed the port. All its data came before this, unless the next client was there already:
     /// then what is left comes after that one's [`Opened`](PortEvent::Opened). Nothing is ever lost.
     Closed,
@@ -112,7 +114,12 @@ impl PcPort {
         self.pty.master()
     }
 
-    fn try_event(&mut self, max: usize) -> io::Result<Option<PortEvent>> {
+    /// The next event, if it is there already: see [`PcPort::event`].
+    ///
+    /// # Errors
+    ///
+    /// As there.
+    pub fn try_event(&mut self, max: usize) -> io::Result<Option<PortEvent>> {
         self.notice_clients()?;
         if self.told_open {
             // With the next client there, the old one's bytes cannot be told from its own: no use in waiting for them.
@@ -121,6 +128,7 @@ impl PcPort {
                 match self.pty.look(max)? {
                     Look::Data(data) => return Ok(Some(PortEvent::Data(data))),
                     Look::Flushed => return Ok(Some(PortEvent::Flushed)),
+                    Look::FlowControl => return Ok(Some(PortEvent::FlowControl)),
                     Look::Unwanted => return Ok(None),
                     Look::Nothing => {}
                 }

@@ -24,9 +24,10 @@ const READ_MAX: usize = 4096 + 1;
 
 /// Status byte of a read in packet mode: data follow (`TIOCPKT_DATA` in `asm-generic/ioctls.h`).
 const STATUS_DATA: u8 = 0;
-/// Status bit: the client has flushed its output (`TIOCPKT_FLUSHWRITE`). The other bits tell of flushed input, of
-/// stopped and restarted output and of a changed IXON; none of them matters here.
+/// Status bit: the client has flushed its output (`TIOCPKT_FLUSHWRITE`).
 const STATUS_FLUSHED_OUTPUT: u8 = 1 << 1;
+/// Status bits: the client has turned XON/XOFF off or on (`TIOCPKT_NOSTOP`, `TIOCPKT_DOSTOP`).
+const STATUS_FLOW_CONTROL: u8 = 1 << 4 | 1 << 5;
 
 /// What the client has set its end of the line to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,6 +49,8 @@ pub(super) enum Look {
     Data(Vec<u8>),
     /// The client has flushed its output. What it had written and was still here is gone.
     Flushed,
+    /// The client has turned XON/XOFF on or off.
+    FlowControl,
 }
 
 #[derive(Debug)]
@@ -117,6 +120,10 @@ impl Pty {
                 self.discard_backlog()?;
                 return Ok(Look::Flushed);
             }
+            if status & STATUS_FLOW_CONTROL != 0 {
+                return Ok(Look::FlowControl);
+            }
+            // What is left tells of flushed input and of stopped and restarted output: nothing to us.
         }
     }
 

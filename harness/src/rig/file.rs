@@ -9,6 +9,7 @@ use torno_protocol::board::Description;
 use torno_protocol::clock::Clock;
 
 use super::kinds;
+use crate::text::{self, TextError};
 
 /// The rigs that are built in: name and text.
 const BUILT_IN: [(&str, &str); 1] = [("lathe", include_str!("../../builtin/lathe.toml"))];
@@ -62,12 +63,20 @@ pub struct Board {
 #[derive(Debug, thiserror::Error)]
 pub enum RigFileError {
     /// The file cannot be read.
-    #[error("cannot read the rig file '{path}': {source} (built-in rigs: {})", built_in_names())]
+    #[error("cannot read the rig file '{path}' (built-in rigs: {})", built_in_names())]
     Unreadable {
         /// The file.
         path: String,
         /// Why.
         source: std::io::Error,
+    },
+    /// The file is not text.
+    #[error("{path}:{line}: expected text (UTF-8)")]
+    NotText {
+        /// The file.
+        path: String,
+        /// From 1.
+        line: usize,
     },
     /// The file is not TOML, or not a rig.
     #[error("{path}:{line}:{column}: {message}")]
@@ -152,8 +161,12 @@ impl RigFile {
         if let Some((name, text)) = BUILT_IN.iter().find(|(name, _)| *name == rig) {
             return Self::parse(name, text);
         }
-        let unreadable = |source| RigFileError::Unreadable { path: rig.to_owned(), source };
-        Self::parse(rig, &std::fs::read_to_string(Path::new(rig)).map_err(unreadable)?)
+        let path = rig.to_owned();
+        match text::read(Path::new(rig)) {
+            Ok(text) => Self::parse(rig, &text),
+            Err(TextError::Unreadable(source)) => Err(RigFileError::Unreadable { path, source }),
+            Err(TextError::NotText { line }) => Err(RigFileError::NotText { path, line }),
+        }
     }
 
     /// Reads a rig file's text. `path` is for the messages.

@@ -78,7 +78,7 @@ impl std::fmt::Display for Incident {
 #[derive(Debug, thiserror::Error)]
 pub enum RigError {
     /// A board's process cannot be started.
-    #[error("cannot start board '{board}': {source}")]
+    #[error("cannot start board '{board}'")]
     Launch {
         /// The board.
         board: String,
@@ -100,7 +100,7 @@ pub enum RigError {
         board: String,
     },
     /// A board contradicts itself.
-    #[error("board '{board}': {source}")]
+    #[error("board '{board}'")]
     BrokenPromise {
         /// The board.
         board: String,
@@ -117,7 +117,7 @@ pub enum RigError {
         name: String,
     },
     /// The system refuses something.
-    #[error("cannot watch the boards' processes: {0}")]
+    #[error("cannot watch the boards' processes")]
     System(#[from] io::Error),
 }
 
