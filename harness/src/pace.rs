@@ -100,8 +100,8 @@ impl Brake {
         }
     }
 
-    /// Time should have gone no further than `reached` by now. A host that is far behind starts anew from there; says by
-    /// how much wall time.
+    /// Time should have gone no further than `reached` by now. A host that is far behind starts anew from there; says
+    /// by how much wall time.
     pub fn reached(&mut self, reached: Instant) -> Option<Duration> {
         let behind = Duration::from_secs_f64(self.now()?.since(reached).as_secs_f64() / self.times());
         if behind <= BEHIND {
