@@ -3,6 +3,9 @@
 //! A test waits for facts: for bytes, or for a line in the rig's log. Where time itself is tested, its bounds are lower
 //! ones only: a busy machine is late, never early.
 
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
+#![allow(clippy::disallowed_methods, reason = "a port at pace 1 is measured by the wall clock")]
+
 mod common;
 
 use std::fs::{self, File};

@@ -86,12 +86,12 @@ impl Live {
             let allowed = self.brake.limit();
             let limit = self.slice(allowed);
             while self.rig.step(limit).await? {
-                self.deliver();
+                self.deliver()?;
                 // Whatever may end this must have its turn, even if all boards are in this process.
                 tokio::task::yield_now().await;
             }
             self.reached = limit.until;
-            self.deliver();
+            self.deliver()?;
             self.hold_for_silence();
             let took = self.take_waiting()?;
             if !took && limit == allowed {
@@ -113,8 +113,8 @@ impl Live {
                 self.check_pace(next);
             }
             event = self.port.event(room) => {
-                let now = self.brake.now();
-                self.take(event?, now.unwrap_or_default())?;
+                let now = self.brake.now().unwrap_or(self.now());
+                self.take(event?, now)?;
             }
         }
         Ok(())
@@ -137,10 +137,9 @@ impl Live {
 
     /// Takes what has come from the client meanwhile: it follows on what came before.
     fn take_waiting(&mut self) -> Result<bool, LiveError> {
-        let at = if self.brake.pace() == Pace::Max { Instant::START } else { self.reached };
         let mut took = false;
         while let Some(event) = self.port.try_event(self.room())? {
-            self.take(event, at)?;
+            self.take(event, self.now())?;
             took = true;
         }
         Ok(took)
@@ -173,7 +172,7 @@ impl Live {
     }
 
     /// Hands the client what has come for it, and logs the rest.
-    fn deliver(&mut self) {
+    fn deliver(&mut self) -> Result<(), LiveError> {
         for incident in self.rig.take_incidents() {
             log::set_time(incident.at);
             tracing::warn!("{incident}");
@@ -191,13 +190,25 @@ impl Live {
                 None => {}
             }
         }
-        let lost = if received.is_empty() { 0 } else { self.port.write(&received) };
+        if received.is_empty() {
+            return Ok(());
+        }
+        // A client that has only changed its speed since it last wrote is to be heard at the new one.
+        self.configure(self.now())?;
+        let lost = self.port.write(&received);
         if lost > 0 {
             tracing::warn!("the program at the PC port does not read: {lost} bytes are lost");
         }
+        Ok(())
+    }
+
+    /// How far time has gone; what comes from the client follows on that.
+    fn now(&self) -> Instant {
+        if self.brake.pace() == Pace::Max { self.rig.engine().frontier() } else { self.reached }
     }
 
     fn take(&mut self, event: PortEvent, at: Instant) -> Result<(), LiveError> {
+        log::set_time(at);
         self.configure(at)?;
         match event {
             PortEvent::Data(bytes) => {

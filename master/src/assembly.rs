@@ -81,8 +81,15 @@ impl Assembly {
         Some(frame)
     }
 
+    /// When the silence that counts has lasted long enough.
     pub(crate) fn poll_timeout(&self) -> Option<Instant> {
-        self.deadline
+        self.deadline.filter(|_| !self.waits_for_the_pc_to_go_on())
+    }
+
+    /// A part has come while the PC was stopping: its silence means nothing.
+    fn waits_for_the_pc_to_go_on(&self) -> bool {
+        let stopping = self.stopped_at.is_some_and(|stopped| self.last <= stopped + self.stopping);
+        self.mode == Mode::Collecting && stopping
     }
 
     /// The line has been silent for long enough. Gives the refusal that this causes.
@@ -90,9 +97,6 @@ impl Assembly {
         self.deadline = None;
         if self.mode != Mode::Collecting {
             self.mode = Mode::Collecting;
-            return None;
-        }
-        if self.stopped_at.is_some_and(|stopped| self.last <= stopped + self.stopping) {
             return None;
         }
         self.bytes.clear();
@@ -171,7 +175,6 @@ mod tests {
         let mut assembly = Assembly::new(Clock::TRUE);
         assembly.stop(ms(10));
         send(&mut assembly, ms(11), &FRAME[..2]);
-        assert_eq!(assembly.handle_silence(), None);
         assert_eq!(assembly.poll_timeout(), None);
         assembly.go_on(ms(9_000));
         assert!(assembly.poll_timeout().is_some());
@@ -183,6 +186,7 @@ mod tests {
         let mut assembly = Assembly::new(Clock::TRUE);
         assembly.stop(ms(10));
         send(&mut assembly, ms(14), &FRAME[..2]);
+        assert!(assembly.poll_timeout().is_some_and(|deadline| deadline < ms(70)));
         assert_eq!(assembly.handle_silence(), Some(Refusal::CutShort));
     }
 

@@ -3,6 +3,9 @@
 //! Prints a table of what was wanted and what was found; judges nothing, for a busy machine would be judged too. The
 //! program is built as for a release, and is measured from outside: what its user waits for, and what `/proc` says.
 
+#![allow(clippy::unwrap_used, reason = "without an answer there is nothing to measure")]
+#![allow(clippy::disallowed_methods, reason = "this measures by the wall clock")]
+
 #[path = "../common/mod.rs"]
 mod common;
 
@@ -12,6 +15,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use common::{ACK, AT_REST, LONG, Up, XON, folder, json, torno};
+use serialport::{FlowControl, SerialPort};
 
 /// Eight characters in, four out on the longest link, one reply: 13 at 9600 baud.
 const WIRE_MS: f64 = 13.0 * 10.0 / 9.6;
@@ -110,6 +114,10 @@ fn load(up: &Up, effort: &Effort) {
     pc.expect(&[ACK]);
     let motion = busy_for(up, effort.motion);
     row("up, in motion, pace 1", "5 % of a core", &format!("{motion:.2} %"));
+    pc.port.set_flow_control(FlowControl::Software).unwrap();
+    pc.write(&AT_REST.repeat(30));
+    let held = busy_for(up, effort.motion);
+    row("up, in motion, a stream held", "5 % of a core", &format!("{held:.2} %"));
 }
 
 /// Percent of a core that all five processes use together.

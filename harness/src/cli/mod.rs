@@ -33,9 +33,10 @@ const INTERRUPTED: u8 = 130;
 
 /// Emulates small serial-bus CNC machines, so that people can work without the machine.
 #[derive(Debug, Parser)]
-#[command(name = "torno", version, arg_required_else_help = true)]
+#[command(name = "torno", version, arg_required_else_help = true, max_term_width = 100)]
 #[command(
-    after_help = "Exit status: 0 as expected, 1 a check failed, 2 wrong usage or broken input, 3 the rig broke.\n\
+    after_help = "Exit status: 0 as expected, 1 a check failed, 2 wrong usage or broken input, 3 the rig broke,\n\
+    130 interrupted.\n\
     RUST_LOG sets what is logged on standard error, e.g. RUST_LOG=info."
 )]
 struct Arguments {

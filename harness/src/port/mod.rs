@@ -15,8 +15,8 @@
 //!   the port must stop by itself too.
 //!
 //! Like a serial driver, and like a pty: the kernel takes 9 to 18 KB from a client that nobody reads, and about 22
-//! KB for a client that does not read. Unlike with a driver, `tcdrain` and `close` return at once, and no
-//! setting outlives the last close: every client finds the rig's.
+//! KB for a client that does not read. Speed and flow control stay as a client has set them, so `stty -F PORT` works.
+//! Unlike with a driver, `tcdrain` and `close` return at once.
 //!
 //! **What a pty cannot carry**: parity and other frames than 8 data bits (the kernel clears `PARENB`), the modem lines
 //! (`TIOCMGET` and `TIOCMSET` fail with ENOTTY: no DTR, RTS, CTS, DSR, DCD) and break (silently lost). Software that
