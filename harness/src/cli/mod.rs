@@ -5,13 +5,16 @@ mod run;
 mod send;
 mod up;
 
+use std::future::poll_fn;
 use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::task::Poll;
 use std::time::Instant;
 
 use anyhow::Context;
 use clap::{Parser, Subcommand};
+use tokio::signal::unix::{Signal, SignalKind, signal};
 use torno::live::LiveError;
 use torno::play::DEMONSTRATION;
 use torno::port::PortError;
@@ -135,6 +138,28 @@ fn print(text: &str) -> anyhow::Result<()> {
 /// Whether a person reads standard output.
 fn colour() -> bool {
     io::stdout().is_terminal() && std::env::var_os("NO_COLOR").is_none()
+}
+
+/// The signals by which a person or a service manager ends a command.
+struct Interrupt {
+    signals: [Signal; 3],
+}
+
+impl Interrupt {
+    /// Listens from here on.
+    fn listen() -> io::Result<Self> {
+        let [a, b, c] = [SignalKind::interrupt(), SignalKind::terminate(), SignalKind::hangup()].map(signal);
+        Ok(Self { signals: [a?, b?, c?] })
+    }
+
+    /// Waits for one.
+    async fn received(&mut self) {
+        poll_fn(|context| {
+            let ready = self.signals.iter_mut().any(|signal| signal.poll_recv(context).is_ready());
+            if ready { Poll::Ready(()) } else { Poll::Pending }
+        })
+        .await;
+    }
 }
 
 fn load_rig(name: &str) -> Result<RigFile, RigFileError> {

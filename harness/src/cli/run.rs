@@ -7,14 +7,13 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use anyhow::Context;
-use tokio::signal::unix::{SignalKind, signal};
 use torno::observe::log;
 use torno::pace::Pace;
 use torno::play::{Finale, Play};
-use torno::report::{Bar, BoardSummary, Frames, Summary};
+use torno::report::{Bar, BoardSummary, Frames, Summary, failures};
 use torno_protocol::lathe::{CHARACTER, Outcome};
 
-use super::{FAILED, INTERRUPTED, colour, driver, load_program, load_rig, print, rig_and_program};
+use super::{FAILED, INTERRUPTED, Interrupt, colour, driver, load_program, load_rig, print, rig_and_program};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -54,14 +53,12 @@ impl Arguments {
         let driver = driver(self.in_process)?;
         let play = Play { file, program, driver, pace: self.pace, breakages: Vec::new(), waveforms };
 
-        let mut interrupt = signal(SignalKind::interrupt())?;
-        let mut terminate = signal(SignalKind::terminate())?;
+        let mut interrupt = Interrupt::listen()?;
         let bar = Bar::new(frames, started);
         let run = play.run(|progress| bar.update(progress.conversation.accepted, Some(progress.now)));
         let finale = tokio::select! {
             finale = run => finale?,
-            _ = interrupt.recv() => return Ok(ExitCode::from(INTERRUPTED)),
-            _ = terminate.recv() => return Ok(ExitCode::from(INTERRUPTED)),
+            () = interrupt.received() => return Ok(ExitCode::from(INTERRUPTED)),
         };
         bar.clear();
         if let (Some((path, file)), Some(waveforms)) = (vcd, &finale.waveforms) {
@@ -83,14 +80,13 @@ fn create(path: &Path) -> anyhow::Result<(&Path, BufWriter<File>)> {
 fn summary(finale: Finale, rig: String, program: String, frames: usize, seed: u64, started: Instant) -> Summary {
     let wall_s = started.elapsed().as_secs_f64();
     let virtual_s = finale.end.as_secs_f64();
-    let failure = |(slave, fault): &(torno_protocol::lathe::Slave, _)| format!("{} failed: {fault}", slave.name());
     Summary {
         rig: Some(rig),
         port: None,
         program,
         outcome: finale.outcome.name(),
         frames: Frames::new(&finale.conversation, frames),
-        failures: finale.conversation.failures.iter().map(failure).collect(),
+        failures: failures(&finale.conversation),
         virtual_s: Some(virtual_s),
         wall_s,
         speedup: Some(virtual_s / wall_s),

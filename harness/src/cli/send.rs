@@ -5,13 +5,12 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use tokio::signal::unix::{SignalKind, signal};
 use torno::observe::log;
-use torno::report::{Bar, Frames, Summary};
+use torno::report::{Bar, Frames, Summary, failures};
 use torno::send::Send;
 use torno_protocol::lathe::{BAUD, Outcome};
 
-use super::{FAILED, INTERRUPTED, colour, load_program, print};
+use super::{FAILED, INTERRUPTED, Interrupt, colour, load_program, print};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -43,8 +42,7 @@ impl Arguments {
         let frames = program.frames.len();
         let patience = Duration::from_secs_f64(self.timeout);
         let send = Send { program, port: self.port.clone(), baud: self.baud, patience };
-        let mut interrupt = signal(SignalKind::interrupt())?;
-        let mut terminate = signal(SignalKind::terminate())?;
+        let mut interrupt = Interrupt::listen()?;
         let bar = Bar::new(frames, started);
         let run = send.run(|conversation, reply| {
             let line = format!("{:9.3} s  {reply}", started.elapsed().as_secs_f64());
@@ -60,8 +58,7 @@ impl Arguments {
         });
         let (conversation, outcome) = tokio::select! {
             ended = run => ended?,
-            _ = interrupt.recv() => return Ok(ExitCode::from(INTERRUPTED)),
-            _ = terminate.recv() => return Ok(ExitCode::from(INTERRUPTED)),
+            () = interrupt.received() => return Ok(ExitCode::from(INTERRUPTED)),
         };
         bar.clear();
         let summary = Summary {
@@ -70,7 +67,7 @@ impl Arguments {
             program: program_name,
             outcome: outcome.name(),
             frames: Frames::new(&conversation, frames),
-            failures: conversation.failures.iter().map(|(s, fault)| format!("{} failed: {fault}", s.name())).collect(),
+            failures: failures(&conversation),
             virtual_s: None,
             wall_s: started.elapsed().as_secs_f64(),
             speedup: None,

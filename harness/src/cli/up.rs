@@ -5,14 +5,13 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use serde::Serialize;
-use tokio::signal::unix::{SignalKind, signal};
 use torno::live::Live;
 use torno::observe::log;
 use torno::pace::Pace;
 use torno::port::{LinkPath, PcPort};
 use torno::rig::file::{DEFAULT, RigFile};
 
-use super::{driver, load_rig, print};
+use super::{Interrupt, driver, load_rig, print};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -59,9 +58,7 @@ impl Arguments {
         log::init("info");
         let file = load_rig(self.rig.as_deref().unwrap_or(DEFAULT))?;
         // Before anything is announced, so that whoever reads the announcement may end the rig.
-        let mut interrupt = signal(SignalKind::interrupt())?;
-        let mut terminate = signal(SignalKind::terminate())?;
-        let mut hang_up = signal(SignalKind::hangup())?;
+        let mut interrupt = Interrupt::listen()?;
         let link = match self.link {
             Some(path) => LinkPath::Chosen(path),
             None => LinkPath::Default { rig: file.name.clone() },
@@ -71,9 +68,7 @@ impl Arguments {
         print(&announcement(&file, &live, self.pace, self.json)?)?;
         tokio::select! {
             ended = live.run() => match ended? {},
-            _ = interrupt.recv() => {}
-            _ = terminate.recv() => {}
-            _ = hang_up.recv() => {}
+            () = interrupt.received() => {}
         }
         Ok(ExitCode::SUCCESS)
     }

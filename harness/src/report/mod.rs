@@ -4,4 +4,4 @@ mod progress;
 mod summary;
 
 pub use progress::Bar;
-pub use summary::{BoardSummary, Frames, Summary};
+pub use summary::{BoardSummary, Frames, Summary, failures};

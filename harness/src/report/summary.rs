@@ -90,6 +90,11 @@ pub struct BoardSummary {
     pub telemetry: BTreeMap<String, i64>,
 }
 
+/// What failed, in words.
+pub fn failures(conversation: &Conversation) -> Vec<String> {
+    conversation.failures.iter().map(|(slave, fault)| format!("{} failed: {fault}", slave.name())).collect()
+}
+
 impl Summary {
     /// The summary for people.
     pub fn text(&self, colour: bool) -> String {
