@@ -81,6 +81,12 @@ impl Waveform {
         }
     }
 
+    /// How many edges are known.
+    #[cfg(test)]
+    pub(crate) const fn len(&self) -> usize {
+        self.edges.len()
+    }
+
     /// The level after the last known edge.
     pub fn last_level(&self) -> Level {
         self.edges.last().map_or(self.before, |edge| edge.level)

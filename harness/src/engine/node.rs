@@ -153,8 +153,9 @@ impl Node {
         if let Heard::Stimulus { at, stimulus: Stimulus::Reset } = heard {
             self.resets.push(at);
         }
+        // Of several things on one port the first matters first, so the least over all is right.
+        self.effect = self.effect.min(self.effect_of(&heard));
         self.heard.push(heard);
-        self.note_effect();
     }
 
     /// Starts a turn: from here on, what was told for the instants that the board is about to hear of no longer holds.
@@ -210,13 +211,16 @@ impl Node {
     }
 
     fn note_effect(&mut self) {
-        // Of several things on one port the first matters first, so the least over all is right.
+        self.effect = self.heard.iter().map(|heard| self.effect_of(heard)).min().unwrap_or(Instant::NEVER);
+    }
+
+    /// The first instant at which something can matter to the board.
+    fn effect_of(&self, heard: &Heard) -> Instant {
         let ear = |port: u8, at: Instant| self.ears.get(usize::from(port)).map_or(at, |ear| ear.effect(at));
-        let effects = self.heard.iter().map(|heard| match heard {
+        match heard {
             Heard::Edges { port, edges } => edges.first().map_or(Instant::NEVER, |edge| ear(*port, edge.at)),
             Heard::Cut { port, at } => ear(*port, *at),
             Heard::Stimulus { at, .. } => *at,
-        });
-        self.effect = effects.min().unwrap_or(Instant::NEVER);
+        }
     }
 }

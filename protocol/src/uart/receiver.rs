@@ -97,6 +97,7 @@ impl Receiver {
     /// Hears edges, in order.
     pub fn hear(&mut self, edges: &[Edge]) {
         let Some(first) = edges.first() else { return };
+        self.forget_before(first.at);
         self.reconsider(first.at);
         edges.iter().for_each(|edge| self.line.push(*edge));
         self.follow_up();
@@ -156,6 +157,21 @@ impl Receiver {
         while self.attempts.back().is_some_and(|attempt| at < attempt.until) {
             self.attempts.pop_back();
         }
+    }
+
+    /// Forgets what can no longer become a character: nothing that is still to be heard lies before `at`.
+    fn forget_before(&mut self, at: Instant) {
+        while let Some(attempt) =
+            self.attempts.front().filter(|attempt| attempt.character.is_none() && attempt.until <= at)
+        {
+            self.taken = Some(*attempt);
+            self.search_from = attempt.until;
+            self.attempts.pop_front();
+        }
+        if self.attempts.is_empty() {
+            self.search_from = self.search_from.max(at);
+        }
+        self.line.forget_before(self.search_from);
     }
 
     /// Follows up every start edge that is known and not yet followed up.
@@ -275,6 +291,18 @@ mod tests {
         assert_eq!(receiver.ear().effect(Instant::from_nanos(135_000)).as_nanos(), 1_100_260);
         receiver.hear(&spike(135_000, 200_000));
         assert_eq!(received(&mut receiver), good(&[0xff]));
+    }
+
+    #[test]
+    fn spikes_leave_nothing_behind() {
+        let mut receiver = Receiver::hardware(BAUD, Clock::TRUE);
+        for n in 1..1000 {
+            // Some are seen and found to be no start bit, some are never seen.
+            for (ns, level) in [(0, Level::Low), (5_000 * (n % 6), Level::High)] {
+                receiver.hear(&[Edge { at: Instant::from_nanos(n * 777_777 + ns), level }]);
+            }
+        }
+        assert!(receiver.attempts.len() <= 1 && receiver.line.len() <= 4, "{receiver:?}");
     }
 
     #[test]
