@@ -531,3 +531,14 @@ fn the_boards_are_children_of_the_harness_and_of_different_process_groups() {
     };
     assert!(boards.iter().all(|pid| group(*pid) != group(up.pid())));
 }
+
+#[test]
+fn a_rig_at_a_pace_beyond_this_computer_can_still_be_ended() {
+    let mut up = Up::start(&["--pace", "100000", "--in-process"]);
+    let mut pc = up.pc();
+    // More than the driver takes at once, so that it is always behind.
+    pc.write(&[LONG, AT_REST, AT_REST].concat());
+    pc.expect(&[ACK]);
+    kill("-INT", up.pid());
+    assert_eq!(up.child.wait().unwrap().code(), Some(0));
+}

@@ -96,6 +96,9 @@ impl Live {
             let took = self.take_waiting()?;
             if !took && limit == allowed {
                 self.wait().await?;
+            } else {
+                self.check_pace(limit.until);
+                tokio::task::yield_now().await;
             }
             self.keep_up().await?;
         }
@@ -120,14 +123,15 @@ impl Live {
         Ok(())
     }
 
-    /// How far to go at once: while the UART has something to send, no further than to where it wants more. So a
-    /// stream has no gap, however late this computer looks.
+    /// How far to go at once: while the UART has something to send, no further than to where it can want more after the
+    /// next thing that happens. So a stream has no gap, however late this computer looks.
     fn slice(&self, allowed: Limit) -> Limit {
         if self.queued == 0 || self.brake.pace() == Pace::Max {
             return allowed;
         }
         let low = BITS_PER_CHARACTER * DRIVER_LOW as u64 * 1_000_000_000 / u64::from(self.settings.baud.max(1));
-        Limit::until(allowed.until.min(self.reached + Span::from_nanos(low)))
+        let next = self.rig.engine().next_instant().max(self.reached);
+        Limit::until(allowed.until.min(next + Span::from_nanos(low)))
     }
 
     /// How many of the client's bytes the driver takes; the others stay in the kernel.
