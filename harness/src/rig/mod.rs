@@ -302,8 +302,7 @@ impl Rig {
     pub async fn catch_up(&mut self, until: Instant) -> Result<(), RigError> {
         let turns = self.engine.catch_up(until);
         self.give(turns).await?;
-        self.engine.poll(Limit { until, silence: until });
-        Ok(())
+        self.advance(Limit { until, silence: Instant::START }).await
     }
 
     /// Waits for news of the processes, and takes note of it.

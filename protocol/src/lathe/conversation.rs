@@ -72,7 +72,7 @@ impl Conversation {
             Reply::Can(slave, fault) => {
                 self.failures.push((slave, fault));
                 // A held frame will not be executed, nor answered.
-                self.dropped = self.unanswered();
+                self.dropped += self.unanswered();
             }
             Reply::Unknown(_) => {}
         }
@@ -142,5 +142,6 @@ mod tests {
         let conversation = after(2, &[Reply::Ack, Reply::Xoff, failed, Reply::Xon]);
         assert!(conversation.is_over());
         assert_eq!(conversation.outcome(5), Outcome::Faulted);
+        assert!(after(2, &[Reply::Ack, Reply::Xoff, failed, failed, Reply::Xon]).is_over());
     }
 }
