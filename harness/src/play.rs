@@ -1,7 +1,5 @@
 //! Plays a whole program through a rig, as a PC with flow control would, and tells how it ended.
 
-use std::path::PathBuf;
-
 use torno_protocol::board::Stimulus;
 use torno_protocol::lathe::{Conversation, Outcome, Program, Reply, ReplyDecoder};
 use torno_protocol::time::{Instant, Span};
@@ -75,8 +73,6 @@ pub struct Progress<'a> {
     pub now: Instant,
     /// What has been said.
     pub conversation: &'a Conversation,
-    /// The nodes of the rig.
-    pub incidents: &'a [Incident],
 }
 
 /// How a play ended.
@@ -239,7 +235,7 @@ impl Stage {
     }
 
     fn progress(&self) -> Progress<'_> {
-        Progress { now: self.now, conversation: &self.conversation, incidents: &self.incidents }
+        Progress { now: self.now, conversation: &self.conversation }
     }
 
     async fn finish(mut self, frames: usize) -> Result<Finale, RigError> {
@@ -266,12 +262,3 @@ impl Stage {
 
 /// The program that is played where none is named: it turns a stepped shaft from bar stock.
 pub const DEMONSTRATION: (&str, &str) = ("shaft.frames", include_str!("../builtin/shaft.frames"));
-
-/// Where a program comes from.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum ProgramSource {
-    /// [`DEMONSTRATION`].
-    BuiltIn,
-    /// A file.
-    File(PathBuf),
-}

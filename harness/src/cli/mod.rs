@@ -18,7 +18,7 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 use torno::live::LiveError;
 use torno::play::DEMONSTRATION;
 use torno::port::PortError;
-use torno::rig::file::{DEFAULT, RigFile, RigFileError};
+use torno::rig::file::{DEFAULT, RigFileError};
 use torno::rig::{Driver, RigError};
 use torno::seat::SeatError;
 use torno::send::SendError;
@@ -160,8 +160,4 @@ impl Interrupt {
         })
         .await;
     }
-}
-
-fn load_rig(name: &str) -> Result<RigFile, RigFileError> {
-    RigFile::load(name)
 }

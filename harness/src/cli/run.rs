@@ -11,9 +11,10 @@ use torno::observe::log;
 use torno::pace::Pace;
 use torno::play::{Finale, Play};
 use torno::report::{Bar, BoardSummary, Frames, Summary, failures};
+use torno::rig::file::RigFile;
 use torno_protocol::lathe::{CHARACTER, Outcome};
 
-use super::{FAILED, INTERRUPTED, Interrupt, colour, driver, load_program, load_rig, print, rig_and_program};
+use super::{FAILED, INTERRUPTED, Interrupt, colour, driver, load_program, print, rig_and_program};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -42,7 +43,7 @@ impl Arguments {
     pub(super) async fn run(self, started: Instant) -> anyhow::Result<ExitCode> {
         log::init("warn");
         let (rig, program) = rig_and_program(self.rig, self.program);
-        let file = load_rig(&rig)?;
+        let file = RigFile::load(&rig)?;
         let (program_name, program) = load_program(program.as_deref())?;
         // Before anything runs: a file that cannot be written must not cost a run.
         let vcd = self.vcd.as_deref().map(create).transpose()?;

@@ -11,7 +11,7 @@ use torno::pace::Pace;
 use torno::port::{LinkPath, PcPort};
 use torno::rig::file::{DEFAULT, RigFile};
 
-use super::{Interrupt, driver, load_rig, print};
+use super::{Interrupt, driver, print};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -56,7 +56,7 @@ struct Board {
 impl Arguments {
     pub(super) async fn run(self) -> anyhow::Result<ExitCode> {
         log::init("info");
-        let file = load_rig(self.rig.as_deref().unwrap_or(DEFAULT))?;
+        let file = RigFile::load(self.rig.as_deref().unwrap_or(DEFAULT))?;
         // Before anything is announced, so that whoever reads the announcement may end the rig.
         let mut interrupt = Interrupt::listen()?;
         let link = match self.link {
