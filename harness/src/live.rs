@@ -151,7 +151,7 @@ impl Live {
 
     fn hold_for_silence(&mut self) {
         let engine = self.rig.engine();
-        self.brake.hold_for_silence(engine.waits_for_silence(), engine.frontier());
+        self.brake.hold_for_silence(engine.silence(), engine.frontier());
     }
 
     fn check_pace(&mut self, due: Instant) {

@@ -8,6 +8,7 @@ use std::time::{Duration, Instant as WallInstant};
 use rustix::fd::OwnedFd;
 use rustix::time::{Itimerspec, TimerfdClockId, TimerfdFlags, TimerfdTimerFlags, Timespec};
 use tokio::io::unix::AsyncFd;
+use torno_protocol::record::Silence;
 use torno_protocol::time::{Instant, Span};
 
 use crate::engine::Limit;
@@ -55,6 +56,8 @@ pub struct Brake {
     /// A wall instant and the virtual instant that it stands for. At [`Pace::Max`] there is one only while a board
     /// waits for the silence of the world outside.
     anchor: Option<(WallInstant, Instant)>,
+    /// The silence that the anchor was dropped for, at [`Pace::Max`].
+    silence: Option<Silence>,
     timer: AsyncFd<OwnedFd>,
 }
 
@@ -70,7 +73,7 @@ impl Brake {
             Pace::Times(_) => Some((wall_now(), Instant::START)),
             Pace::Max => None,
         };
-        Ok(Self { pace, anchor, timer: readable(timer)? })
+        Ok(Self { pace, anchor, silence: None, timer: readable(timer)? })
     }
 
     /// The pace.
@@ -93,10 +96,12 @@ impl Brake {
         }
     }
 
-    /// At [`Pace::Max`]: whether, from `frontier` on, time is held back because a board waits for silence.
-    pub fn hold_for_silence(&mut self, waits: bool, frontier: Instant) {
-        if self.pace == Pace::Max {
-            self.anchor = waits.then(|| self.anchor.unwrap_or_else(|| (wall_now(), frontier)));
+    /// At [`Pace::Max`]: the silence that a board waits for holds time back, from `frontier` on. Each silence is given
+    /// its own time, however soon it follows on another.
+    pub fn hold_for_silence(&mut self, silence: Option<Silence>, frontier: Instant) {
+        if self.pace == Pace::Max && silence != self.silence {
+            self.silence = silence;
+            self.anchor = silence.map(|_| (wall_now(), frontier));
         }
     }
 
@@ -120,7 +125,8 @@ impl Brake {
         let Some(now) = self.now().filter(|_| !instant.is_never()) else {
             return std::future::pending().await;
         };
-        let wall = Duration::from_nanos((instant.next().since(now).as_nanos() as f64 / self.times()) as u64 + 1);
+        let wall = (instant.next().since(now).as_nanos() as f64 / self.times()) as u64;
+        let wall = Duration::from_nanos(wall.saturating_add(1));
         let it_value = Timespec { tv_sec: wall.as_secs() as i64, tv_nsec: i64::from(wall.subsec_nanos()) };
         let it_interval = Timespec { tv_sec: 0, tv_nsec: 0 };
         rustix::time::timerfd_settime(&self.timer, TimerfdTimerFlags::empty(), &Itimerspec { it_interval, it_value })?;
@@ -165,6 +171,23 @@ mod tests {
         let instant = Instant::from_nanos(500_000_000);
         brake.wait_past(instant).await.unwrap();
         assert!(brake.now().unwrap() > instant);
+    }
+
+    #[tokio::test]
+    async fn each_silence_is_given_its_own_time() {
+        let at = |ms: u64| Instant::START + Span::from_millis(ms);
+        let silence = |ms: u64| Some(Silence { from: at(ms), deadline: at(ms + 50) });
+        let mut brake = Brake::new(Pace::Max).unwrap();
+        assert_eq!(brake.limit(), Limit { until: Instant::NEVER, silence: Instant::START });
+        brake.hold_for_silence(silence(10), at(11));
+        let (wall, start) = brake.anchor.unwrap();
+        brake.anchor = Some((wall - Duration::from_secs(5), start));
+        brake.hold_for_silence(silence(10), at(12));
+        assert!(brake.limit().silence > at(5_000), "the same silence goes on");
+        brake.hold_for_silence(silence(20_000), at(20_001));
+        assert_eq!(brake.anchor.unwrap().1, at(20_001));
+        brake.hold_for_silence(None, at(30_000));
+        assert_eq!(brake.limit().silence, Instant::START);
     }
 
     #[tokio::test]

@@ -449,14 +449,12 @@ impl Board for Master {
     }
 
     fn poll_timeout(&self) -> Option<Deadline> {
-        let silence = self.firmware.assembly.poll_timeout();
-        let own = self.firmware.poll_timeout();
-        match (own, silence) {
-            (Some(at), silence) if silence.is_none_or(|silence| at <= silence) => {
-                Some(Deadline { at, why: "a transmitter or a slave's answer", outside: false })
-            }
-            (_, Some(at)) => Some(Deadline { at, why: "silence on the PC's line", outside: true }),
-            (_, None) => None,
-        }
+        let own = self.firmware.poll_timeout().map(|at| Deadline { at, why: "a transmitter or a slave's answer" });
+        let silence = self.silence().map(|at| Deadline { at, why: "silence on the PC's line" });
+        own.into_iter().chain(silence).min_by_key(|deadline| deadline.at)
+    }
+
+    fn silence(&self) -> Option<Instant> {
+        self.firmware.assembly.poll_timeout()
     }
 }

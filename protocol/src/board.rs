@@ -43,6 +43,12 @@ pub trait Board: Clone {
     /// The board's next deadline.
     fn poll_timeout(&self) -> Option<Deadline>;
 
+    /// When the board concludes something from the silence of the world outside the rig, if that stays silent. With a
+    /// person at the other end and time running free, this must not pass in no time at all.
+    fn silence(&self) -> Option<Instant> {
+        None
+    }
+
     /// Nothing can leave the board by a port until something reaches it, however long it is left alone. It may still
     /// have deadlines, for telemetry.
     fn mute(&self) -> bool {
@@ -127,9 +133,6 @@ pub struct Deadline {
     pub at: Instant,
     /// Why, for people.
     pub why: &'static str,
-    /// Whether the board waits for the world outside the rig to stay silent: with a person at the other end and time
-    /// running free, this must not pass in no time at all.
-    pub outside: bool,
 }
 
 /// What a board consists of, seen from outside.

@@ -107,12 +107,21 @@ pub struct Batch {
     pub horizon: Instant,
     /// If the board is mute: since when. Nothing leaves it by a port until something reaches it.
     pub mute_since: Option<Instant>,
-    /// From this instant on the board first waited for nothing but the silence of the world outside.
-    pub silent_from: Option<Instant>,
+    /// Where the board waits for the world outside to stay silent, in order.
+    pub silences: Vec<Silence>,
     /// The state of each port's receiver, everything sent so far heard.
     pub ears: Vec<Ear>,
     /// What the board does, in order.
     pub outputs: Vec<Timed>,
+}
+
+/// A board waits for the world outside the rig to stay silent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Silence {
+    /// Since when.
+    pub from: Instant,
+    /// When it draws its conclusion.
+    pub deadline: Instant,
 }
 
 /// An output and when the board decided on it.

@@ -8,7 +8,7 @@
 use std::collections::VecDeque;
 
 use crate::board::{Board, Input, Output, Stimulus};
-use crate::record::{Batch, Heard, Timed, Turn};
+use crate::record::{Batch, Heard, Silence, Timed, Turn};
 use crate::time::{Instant, Span};
 use crate::uart::{Fifo, Receiver};
 
@@ -36,6 +36,8 @@ pub struct Cell<B> {
     handled: Instant,
     /// If nothing can leave by a port until something reaches the board: since when.
     mute_since: Option<Instant>,
+    /// The board waits for the world outside to stay silent.
+    silence: Option<Silence>,
 }
 
 impl<B: Board> Cell<B> {
@@ -51,8 +53,10 @@ impl<B: Board> Cell<B> {
             hung: 0,
             handled: Instant::START,
             mute_since: None,
+            silence: None,
         };
         cell.note_mute();
+        cell.note_silence();
         cell
     }
 
@@ -123,6 +127,7 @@ impl<B: Board> Cell<B> {
         self.handled = at;
         self.handle(at, next, &mut emit);
         self.note_mute();
+        self.note_silence();
     }
 
     fn handle(&mut self, at: Instant, next: Next, emit: &mut impl FnMut(Instant, Output)) {
@@ -186,9 +191,11 @@ impl<B: Board> Cell<B> {
         self.mute_since = if mute { self.mute_since.or(Some(self.handled)) } else { None };
     }
 
-    /// The next thing is a deadline on the silence of the world outside.
-    fn waits_for_silence(&self) -> bool {
-        matches!(self.next(), Some((_, Next::Deadline))) && self.board.poll_timeout().is_some_and(|next| next.outside)
+    fn note_silence(&mut self) {
+        let deadline = self.board.silence().filter(|_| self.hung == 0);
+        if deadline != self.silence.map(|silence| silence.deadline) {
+            self.silence = deadline.map(|deadline| Silence { from: self.handled, deadline });
+        }
     }
 }
 
@@ -240,6 +247,7 @@ impl<B: Board> Stepper<B> {
             self.roll_back(effect);
         }
         let mut batch = Batch { from: self.horizon.min(effect.unwrap_or(Instant::NEVER)), ..Batch::default() };
+        batch.silences.extend(self.head.silence);
         self.catch_up(effect.unwrap_or(turn.until), &mut batch)?;
         for heard in &turn.heard {
             self.head.hear(heard);
@@ -272,12 +280,13 @@ impl<B: Board> Stepper<B> {
     fn catch_up(&mut self, until: Instant, batch: &mut Batch) -> Result<(), BrokenPromise> {
         let promised = self.head.mute_since.is_some();
         let mut spoke = None;
-        self.head.run(until, |at, output| {
-            if matches!(output, Output::Character { .. } | Output::Cut { .. }) {
-                spoke.get_or_insert(at);
-            }
-            batch.outputs.push(Timed { at, output });
-        });
+        while let Some((at, next)) = self.head.next().filter(|(at, _)| *at < until) {
+            self.tell(at, next, batch, |output| {
+                if matches!(output, Output::Character { .. } | Output::Cut { .. }) {
+                    spoke.get_or_insert(at);
+                }
+            });
+        }
         match spoke {
             Some(at) if promised => Err(BrokenPromise { at }),
             _ => Ok(()),
@@ -300,21 +309,30 @@ impl<B: Board> Stepper<B> {
             if at >= until && (self.head.mute_since.is_some() || at >= cap || at >= run_on) {
                 break;
             }
-            if batch.silent_from.is_none() && self.head.waits_for_silence() {
-                batch.silent_from = Some(self.head.handled);
-            }
             if since_checkpoint == CHECKPOINT_EVERY {
                 since_checkpoint = 0;
                 self.checkpoints.push(self.head.clone());
             }
             since_checkpoint += 1;
-            self.head.step(at, next, |at, output| {
-                if let Output::Character { end, .. } = &output {
+            self.tell(at, next, batch, |output| {
+                if let Output::Character { end, .. } = output {
                     run_on_max = run_on_max.min(at + RUN_ON_MAX);
                     run_on = run_on_max.min(*end + RUN_ON);
                 }
-                batch.outputs.push(Timed { at, output });
             });
+        }
+    }
+
+    /// Handles the next thing, and tells what comes of it.
+    fn tell(&mut self, at: Instant, next: Next, batch: &mut Batch, mut look: impl FnMut(&Output)) {
+        self.head.step(at, next, |at, output| {
+            look(&output);
+            batch.outputs.push(Timed { at, output });
+        });
+        if batch.silences.last() != self.head.silence.as_ref() {
+            // One that did not last is no silence.
+            batch.silences.pop_if(|silence| silence.deadline > at);
+            batch.silences.extend(self.head.silence);
         }
     }
 }
@@ -381,7 +399,7 @@ mod tests {
         }
 
         fn poll_timeout(&self) -> Option<Deadline> {
-            Some(Deadline { at: self.tick, why: "tick", outside: false })
+            Some(Deadline { at: self.tick, why: "tick" })
         }
 
         fn mute(&self) -> bool {
@@ -431,6 +449,54 @@ mod tests {
         let mut stepper = Stepper::new(Counter::new(true, true));
         stepper.turn(&turn(ms(1), vec![])).unwrap();
         assert_eq!(stepper.turn(&turn(ms(1000), vec![])), Err(BrokenPromise { at: ms(510) }));
+    }
+
+    /// Concludes something 50 ms after each character.
+    #[derive(Clone, Debug, Default)]
+    struct Patient(Option<Instant>);
+
+    impl Board for Patient {
+        fn description(&self) -> Description {
+            Description { ports: vec!["port".to_owned()], ..Description::default() }
+        }
+
+        fn receivers(&self) -> Vec<Receiver> {
+            vec![Receiver::hardware(BAUD, Clock::TRUE)]
+        }
+
+        fn handle_input(&mut self, now: Instant, _: Input) {
+            self.0 = Some(now + Span::from_millis(50));
+        }
+
+        fn handle_timeout(&mut self, _: Instant) {
+            self.0 = None;
+        }
+
+        fn poll_output(&mut self) -> Option<Output> {
+            None
+        }
+
+        fn poll_timeout(&self) -> Option<Deadline> {
+            self.0.map(|at| Deadline { at, why: "silence" })
+        }
+
+        fn silence(&self) -> Option<Instant> {
+            self.0
+        }
+    }
+
+    #[test]
+    fn a_silence_is_told_until_it_has_lasted_and_only_if_it_lasts() {
+        let silences = |stepper: &mut Stepper<Patient>, heard| -> Vec<u64> {
+            let batch = stepper.turn(&turn(ms(1), heard)).unwrap();
+            batch.silences.iter().map(|silence| silence.deadline.since(ms(0)).as_nanos() / 1_000_000).collect()
+        };
+        let mut stepper = Stepper::new(Patient::default());
+        // The first is broken by the second character, 20 ms later.
+        let heard = vec![byte(1, ms(100)), byte(2, ms(120)), byte(3, ms(300))];
+        assert_eq!(silences(&mut stepper, heard), [170, 350]);
+        assert_eq!(silences(&mut stepper, vec![byte(4, ms(340))]), [390], "broken after it was told");
+        assert_eq!(silences(&mut stepper, vec![byte(5, ms(500))]), [550]);
     }
 
     #[test]

@@ -166,7 +166,7 @@ impl<M: Machine<N, S>, const N: usize, const S: usize> Board for Slave<M, N, S> 
         let sample = self.schedule.poll_timeout().map(|at| (at, "sample"));
         let (at, why) =
             self.link.poll_timeout().into_iter().chain(sample).reduce(|a, b| if b.0 < a.0 { b } else { a })?;
-        Some(Deadline { at, why, outside: false })
+        Some(Deadline { at, why })
     }
 
     fn mute(&self) -> bool {

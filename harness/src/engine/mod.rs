@@ -18,7 +18,7 @@ mod node;
 
 use torno_protocol::board::{Output, Stimulus};
 use torno_protocol::line::Edge;
-use torno_protocol::record::{Batch, Heard, Timed, Turn};
+use torno_protocol::record::{Batch, Heard, Silence, Timed, Turn};
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::Ear;
 
@@ -189,17 +189,18 @@ impl Engine {
     /// Settles everything within `limit` that can be settled, and says which boards must take a turn for more.
     /// Each must be answered by [`Engine::answer`].
     pub fn poll(&mut self, limit: Limit) -> Vec<(NodeId, Turn)> {
-        loop {
+        let until = loop {
             self.bound();
+            let until = self.held_at(limit);
             let mut sent = false;
             for id in 0..self.nodes.len() {
-                sent |= self.settle(id, self.nodes[id].safe_until().min(self.nodes[id].allowed(limit)));
+                sent |= self.settle(id, self.nodes[id].safe_until().min(until));
             }
             if !sent {
-                break;
+                break until;
             }
-        }
-        self.wake(limit)
+        };
+        self.wake(until)
     }
 
     /// Takes a board's answer to its turn.
@@ -250,16 +251,39 @@ impl Engine {
         since.max().unwrap_or_default()
     }
 
-    /// Whether some board does nothing but wait for the world outside to stay silent.
-    pub fn waits_for_silence(&self) -> bool {
-        self.nodes.iter().any(Node::waits_for_silence)
+    /// The silence of the world outside that some board waits for now.
+    pub fn silence(&self) -> Option<Silence> {
+        let begun = |(id, silence): &(NodeId, Silence)| silence.from < self.nodes[*id].commit;
+        self.silences().filter(begun).map(|(_, silence)| silence).min_by_key(|silence| silence.deadline)
     }
 
-    /// The earliest instant that [`Engine::poll`] must be allowed to pass for something to happen on a line or an
-    /// event to be told.
+    /// The first silence that each board waits for.
+    fn silences(&self) -> impl Iterator<Item = (NodeId, Silence)> {
+        let first = self.nodes.iter().enumerate().filter_map(|(id, node)| node.silence().map(|silence| (id, silence)));
+        first.filter(|(id, silence)| {
+            // What is about to come over a line is no silence.
+            let ears = self.nodes[*id].hears.iter();
+            let spoken = ears.filter_map(|(port, from)| {
+                let edge = self.nodes[from.node].told_edge(usize::from(from.port))?;
+                self.nodes[*id].ears.get(*port).map(|ear| ear.effect(edge))
+            });
+            spoken.min().is_none_or(|effect| effect > silence.deadline)
+        })
+    }
+
+    /// How far anything may be settled: while a board waits for silence, time goes no further than silence may.
+    fn held_at(&self, limit: Limit) -> Instant {
+        let unproven = self.silences().filter(|(_, silence)| silence.deadline >= limit.silence);
+        let held = unproven.map(|(_, silence)| limit.silence.max(silence.from.next()));
+        held.min().unwrap_or(Instant::NEVER).min(limit.until)
+    }
+
+    /// The earliest instant that [`Engine::poll`] must be allowed to pass for something to happen on a line, an event
+    /// to be told, or a silence to have lasted.
     pub fn next_instant(&self) -> Instant {
         let running = self.nodes.iter().filter(|node| node.life == Life::Runs && !node.awaited);
-        running.map(|node| node.next_instant()).min().unwrap_or(Instant::NEVER)
+        let next = running.map(|node| node.next_instant()).min().unwrap_or(Instant::NEVER);
+        self.silence().map_or(next, |silence| silence.deadline.min(next))
     }
 
     /// The board's process has stopped: it hangs from the end of what it has told. Says from when.
@@ -267,7 +291,7 @@ impl Engine {
         if self.nodes[node].life != Life::Runs {
             return self.nodes[node].commit;
         }
-        let at = self.silence(node, Life::Stopped);
+        let at = self.halt(node, Life::Stopped);
         self.hear(node, Heard::Stimulus { at, stimulus: Stimulus::Hang(true) });
         at
     }
@@ -284,13 +308,13 @@ impl Engine {
 
     /// The board is gone; nothing comes from it any more. Says from when.
     pub fn kill(&mut self, node: NodeId) -> Instant {
-        self.silence(node, Life::Gone)
+        self.halt(node, Life::Gone)
     }
 
     /// Settles what the board has told and nothing unheard can change; the rest will not come.
-    fn silence(&mut self, node: NodeId, life: Life) -> Instant {
+    fn halt(&mut self, node: NodeId, life: Life) -> Instant {
         self.bound();
-        let at = self.nodes[node].safe_until().min(self.frontier());
+        let at = self.nodes[node].safe_until().min(self.frontier()).max(self.nodes[node].commit);
         self.settle(node, at);
         self.nodes[node].stop(at, life);
         at
@@ -372,11 +396,11 @@ impl Engine {
 
     /// Gives turns to the boards without which nothing moves, and to those only: the longer a board is left alone, the
     /// more it hears at once.
-    fn wake(&mut self, limit: Limit) -> Vec<(NodeId, Turn)> {
+    fn wake(&mut self, until: Instant) -> Vec<(NodeId, Turn)> {
         if self.is_waiting() {
             return Vec::new();
         }
-        let needs: Vec<Instant> = self.nodes.iter().map(|node| node.needed_at(limit)).collect();
+        let needs: Vec<Instant> = self.nodes.iter().map(|node| node.needed_at(until)).collect();
         let first = needs.iter().min().copied().unwrap_or(Instant::NEVER);
         if first.is_never() {
             return Vec::new();

@@ -3,11 +3,14 @@
 use std::collections::VecDeque;
 
 use torno_protocol::board::{Output, Stimulus};
-use torno_protocol::record::{Batch, Heard, Timed, Turn};
+use torno_protocol::record::{Batch, Heard, Silence, Timed, Turn};
 use torno_protocol::time::Instant;
 use torno_protocol::uart::Ear;
 
-use super::{End, Limit, LineId};
+use super::{End, LineId};
+
+/// So much is kept of what a stopped board hears on a port: at the beginning, and again at the end.
+const KEPT: usize = 32;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Life {
@@ -30,7 +33,8 @@ pub(super) struct Node {
     /// It has told everything before this instant.
     pub(super) horizon: Instant,
     pub(super) mute_since: Option<Instant>,
-    silent_from: Option<Instant>,
+    /// Where it waits for the world outside to stay silent, as far as that is not settled.
+    silences: Vec<Silence>,
     pub(super) ears: Vec<Ear>,
     /// The end of the last settled character on each port.
     pub(super) line_busy_until: Vec<Instant>,
@@ -56,7 +60,7 @@ impl Node {
             ahead: VecDeque::new(),
             horizon: Instant::START,
             mute_since: None,
-            silent_from: None,
+            silences: Vec::new(),
             ears: Vec::new(),
             line_busy_until: vec![Instant::START; ports],
             heard: Vec::new(),
@@ -102,26 +106,33 @@ impl Node {
         character.min(self.safe_until()).max(free).min(cut)
     }
 
+    /// The first edge that the board is certain to send on a port if nothing more reaches it.
+    pub(super) fn told_edge(&self, port: usize) -> Option<Instant> {
+        self.ahead.iter().find_map(|told| match &told.output {
+            Output::Character { port: p, edges, .. } if usize::from(*p) == port => edges.first().map(|edge| edge.at),
+            _ => None,
+        })
+    }
+
     /// Everything before `until` is settled.
     pub(super) fn commit_to(&mut self, until: Instant) {
         if until > self.commit && !until.is_never() {
             self.commit = until;
             self.resets.retain(|reset| *reset >= until);
+            self.silences.retain(|silence| silence.deadline >= until);
         }
     }
 
-    /// How far the board's doings may be settled.
-    pub(super) fn allowed(&self, limit: Limit) -> Instant {
-        match self.silent_from {
-            Some(from) => limit.until.min(limit.silence.max(from.next())),
-            None => limit.until,
-        }
+    /// The first silence of the world outside that the board waits for, if nothing that it will hear breaks it.
+    pub(super) fn silence(&self) -> Option<Silence> {
+        let unbroken = |silence: &&Silence| self.life == Life::Runs && self.effect > silence.deadline;
+        self.silences.first().filter(unbroken).copied()
     }
 
     /// The instant for which the board must take a turn before anything at or after it can be settled; never, if it
     /// need not.
-    pub(super) fn needed_at(&self, limit: Limit) -> Instant {
-        let bound = self.eit.min(self.allowed(limit));
+    pub(super) fn needed_at(&self, until: Instant) -> Instant {
+        let bound = self.eit.min(until);
         let need = self.effect.min(self.told_until());
         if self.life == Life::Runs && !self.awaited && need < bound { need } else { Instant::NEVER }
     }
@@ -142,10 +153,6 @@ impl Node {
         }
     }
 
-    pub(super) fn waits_for_silence(&self) -> bool {
-        self.life == Life::Runs && !self.awaited && self.silent_from.is_some_and(|from| from < self.commit)
-    }
-
     pub(super) fn hear(&mut self, heard: Heard) {
         if self.life == Life::Gone {
             return;
@@ -155,7 +162,22 @@ impl Node {
         }
         // Of several things on one port the first matters first, so the least over all is right.
         self.effect = self.effect.min(self.effect_of(&heard));
+        let port = port_of(&heard);
         self.heard.push(heard);
+        if self.life == Life::Stopped && port.is_some() {
+            self.forget_middle(port);
+        }
+    }
+
+    /// A board that is stopped may be so for hours. All that its receivers can keep are the first few characters, and
+    /// what is coming in when it goes on; what lies between is lost on it, and need not be kept.
+    fn forget_middle(&mut self, port: Option<u8>) {
+        let mut on_port = (0..self.heard.len()).filter(|n| port_of(&self.heard[*n]) == port);
+        if let Some(first_of_middle) = on_port.nth(KEPT)
+            && on_port.count() >= KEPT
+        {
+            self.heard.remove(first_of_middle);
+        }
     }
 
     /// Starts a turn: from here on, what was told for the instants that the board is about to hear of no longer holds.
@@ -164,6 +186,7 @@ impl Node {
         while self.ahead.back().is_some_and(|told| told.at >= self.effect) {
             self.ahead.pop_back();
         }
+        self.silences.retain(|silence| silence.deadline < self.effect);
         self.horizon = self.horizon.min(self.effect);
         if !self.effect.is_never() {
             self.mute_since = None;
@@ -192,7 +215,8 @@ impl Node {
         self.ahead.extend(batch.outputs);
         self.horizon = batch.horizon;
         self.mute_since = batch.mute_since;
-        self.silent_from = batch.silent_from;
+        self.silences.retain(|silence| silence.deadline < batch.from);
+        self.silences.extend(batch.silences);
         self.ears = batch.ears;
         self.note_effect();
     }
@@ -201,6 +225,7 @@ impl Node {
     pub(super) fn stop(&mut self, at: Instant, life: Life) {
         self.life = life;
         self.ahead.clear();
+        self.silences.clear();
         self.horizon = self.horizon.min(at);
         self.mute_since = Some(at);
         if life == Life::Gone {
@@ -222,5 +247,12 @@ impl Node {
             Heard::Cut { port, at } => ear(*port, *at),
             Heard::Stimulus { at, .. } => *at,
         }
+    }
+}
+
+fn port_of(heard: &Heard) -> Option<u8> {
+    match heard {
+        Heard::Edges { port, .. } | Heard::Cut { port, .. } => Some(*port),
+        Heard::Stimulus { .. } => None,
     }
 }

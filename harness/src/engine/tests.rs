@@ -107,7 +107,7 @@ impl Board for Chatterbox {
     fn poll_timeout(&self) -> Option<Deadline> {
         let loads = self.transmitters.iter().filter_map(Transmitter::poll_timeout);
         let answers = self.answers.front().map(|(at, ..)| *at);
-        loads.chain(answers).chain(self.next).min().map(|at| Deadline { at, why: "talk", outside: false })
+        loads.chain(answers).chain(self.next).min().map(|at| Deadline { at, why: "talk" })
     }
 }
 
@@ -286,6 +286,92 @@ proptest! {
         prop_assert!(!engine.is_waiting());
         prop_assert!(engine.frontier() >= end || engine.is_quiet());
     }
+}
+
+/// What a board tells that waits for silence, and is otherwise still.
+fn waiting(from: Instant, deadline: Instant) -> Batch {
+    Batch {
+        horizon: deadline.next(),
+        silences: vec![Silence { from, deadline }],
+        ears: vec![Receiver::hardware(BAUD, Clock::TRUE).ear()],
+        ..Batch::default()
+    }
+}
+
+#[test]
+fn time_goes_no_further_than_a_silence_that_a_board_waits_for() {
+    let ms = |ms: u64| Instant::START + Span::from_millis(ms);
+    let mut engine = Engine::new();
+    (0..2).for_each(|_| _ = engine.add_node(1));
+    let end = |node| End { node, port: 0 };
+    engine.add_line(end(0), end(1));
+    engine.add_line(end(1), end(0));
+    engine.answer(0, waiting(ms(10), ms(60))).unwrap();
+    let mute = Batch { horizon: Instant::NEVER, mute_since: Some(ms(0)), ..waiting(ms(0), ms(0)) };
+    engine.answer(1, Batch { silences: vec![], ..mute.clone() }).unwrap();
+    let silence = |ms| Limit { until: Instant::NEVER, silence: ms };
+
+    assert!(engine.poll(silence(Instant::START)).is_empty());
+    assert_eq!((engine.frontier(), engine.next_instant()), (ms(10).next(), ms(60)));
+    assert_eq!(engine.silence(), Some(Silence { from: ms(10), deadline: ms(60) }));
+    engine.poll(silence(ms(40)));
+    assert_eq!(engine.frontier(), ms(40));
+
+    // Someone is about to speak: no time need be lost.
+    let mut uart = Transmitter::hardware(BAUD, Clock::TRUE);
+    uart.push(b'!');
+    let loaded = uart.load(ms(45)).unwrap();
+    let output = Output::Character { port: 0, edges: loaded.edges, end: loaded.end };
+    let outputs = vec![Timed { at: ms(45), output }];
+    engine.answer(1, Batch { from: ms(45), outputs, silences: vec![], ..mute }).unwrap();
+    assert_eq!(engine.silence(), None);
+    let woken: Vec<NodeId> = engine.poll(silence(ms(40))).into_iter().map(|(node, _)| node).collect();
+    assert_eq!(woken, [0], "it hears the character");
+    engine.answer(0, Batch { from: ms(46), ..waiting(ms(46), ms(96)) }).unwrap();
+    assert_eq!(engine.silence(), None, "not yet begun");
+    engine.poll(silence(ms(40)));
+    assert_eq!(engine.silence(), Some(Silence { from: ms(46), deadline: ms(96) }));
+
+    // It has lasted.
+    engine.poll(silence(ms(96).next()));
+    assert_eq!(engine.silence(), None);
+    assert!(engine.frontier() > ms(96));
+}
+
+#[test]
+fn a_stopped_board_goes_on_as_a_hung_one_however_much_it_has_missed() {
+    let ms = |ms: u64| Instant::START + Span::from_millis(ms);
+    let mut uart = Transmitter::hardware(BAUD, Clock::TRUE);
+    // The last one is coming in when the board goes on.
+    let edges: Vec<Vec<Edge>> = (0..1_000u64)
+        .map(|n| {
+            uart.push(n as u8);
+            uart.load(ms(100 + 2 * n)).unwrap().edges
+        })
+        .collect();
+    let (stop, resume) = (ms(50), ms(100 + 2 * 999).next());
+    let chatterbox = || Chatterbox::new(0, false, Span::ZERO, None);
+    let hang = |at, hung| Heard::Stimulus { at, stimulus: Stimulus::Hang(hung) };
+
+    let mut expected = Vec::new();
+    let mut cell = Cell::new(chatterbox());
+    [hang(stop, true), hang(resume, false)].iter().for_each(|heard| cell.hear(heard));
+    edges.iter().for_each(|edges| cell.hear(&Heard::Edges { port: 0, edges: edges.clone() }));
+    cell.run(ms(3_000), |at, output| expected.push(Timed { at, output }));
+    assert!(expected.len() > 3, "the FIFO and the last: {expected:?}");
+
+    let mut node = Node::new(2);
+    let mut stepper = Stepper::new(chatterbox());
+    let first = node.turn(stop);
+    node.answer(stepper.turn(&first).unwrap());
+    node.stop(stop, Life::Stopped);
+    node.hear(hang(stop, true));
+    edges.iter().for_each(|edges| node.hear(Heard::Edges { port: 0, edges: edges.clone() }));
+    node.life = Life::Runs;
+    node.hear(hang(resume, false));
+    let turn = node.turn(ms(3_000));
+    assert!(turn.heard.len() < 100, "{}", turn.heard.len());
+    assert_eq!(stepper.turn(&turn).unwrap().outputs, expected);
 }
 
 #[test]

@@ -198,7 +198,7 @@ impl<P: PcProgram> Board for PcUart<P> {
     }
 
     fn poll_timeout(&self) -> Option<Deadline> {
-        self.transmitter.poll_timeout().map(|at| Deadline { at, why: "the next character", outside: false })
+        self.transmitter.poll_timeout().map(|at| Deadline { at, why: "the next character" })
     }
 }
 
