@@ -182,6 +182,20 @@ fn a_slave_that_is_stopped_in_motion_is_reported_and_is_back_when_it_is_continue
 }
 
 #[test]
+fn a_storm_of_stops_leaves_the_rig_up() {
+    let (mut up, mut pc) = in_motion("100", LONG);
+    for round in 0..150 {
+        let board = up.board(["master", "depth"][round % 2]);
+        ["-STOP", "-CONT"].iter().for_each(|signal| kill(signal, board));
+    }
+    // Whatever has been lost on the way, the master answers what comes after.
+    pc.write(&AT_REST);
+    while !matches!(pc.read(1)[0], ACK | NAK | CAN) {}
+    kill("-INT", up.pid());
+    assert_eq!(up.child.wait().unwrap().code(), Some(0), "{}", up.log());
+}
+
+#[test]
 fn a_board_that_is_stopped_and_continued_at_once_loses_nothing() {
     // At the pace of the clock: a slave is asked whether it is there after a second.
     let (up, mut pc) = in_motion("1", OUT);

@@ -110,7 +110,7 @@ impl Live {
         let room = self.room();
         tokio::select! {
             biased;
-            news = self.rig.news() => news?,
+            () = self.rig.news() => {}
             passed = self.brake.wait_past(next) => {
                 passed?;
                 self.check_pace(next);

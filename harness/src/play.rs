@@ -154,7 +154,7 @@ impl Play {
             }
             let next = stage.rig.engine().next_instant();
             tokio::select! {
-                news = stage.rig.news() => news?,
+                () = stage.rig.news() => {}
                 passed = brake.wait_past(next) => {
                     passed?;
                     brake.reached(next);

@@ -7,7 +7,6 @@ mod process;
 use std::future::poll_fn;
 use std::io;
 use std::path::PathBuf;
-use std::process::ExitStatus;
 use std::task::Poll;
 use std::time::Duration;
 
@@ -22,7 +21,8 @@ use crate::engine::{End, Engine, Fact, LateOutput, Limit, LineId, NodeId};
 use crate::pc::{PcProgram, PcUart};
 use file::RigFile;
 use kinds::Steps;
-use process::{BoardProcess, Change};
+use process::BoardProcess;
+pub use process::ProcessChange;
 
 /// How long a board may take over one turn, in wall time. One that is merely slow is waited for.
 const SLOW_BOARD: Duration = Duration::from_secs(10);
@@ -49,27 +49,16 @@ pub struct Incident {
     /// Its process.
     pub pid: u32,
     /// What happened to it.
-    pub what: Mishap,
-}
-
-/// What can happen to a process.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Mishap {
-    /// It was stopped.
-    Stopped,
-    /// It was continued.
-    Continued,
-    /// It died.
-    Died(ExitStatus),
+    pub what: ProcessChange,
 }
 
 impl std::fmt::Display for Incident {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "board '{}' (pid {}) ", self.board, self.pid)?;
         match self.what {
-            Mishap::Stopped => f.write_str("was stopped: it hangs"),
-            Mishap::Continued => f.write_str("was continued"),
-            Mishap::Died(status) => write!(f, "died: {status}"),
+            ProcessChange::Stopped => f.write_str("was stopped: it hangs"),
+            ProcessChange::Continued => f.write_str("was continued"),
+            ProcessChange::Died(status) => write!(f, "died: {status}"),
         }
     }
 }
@@ -92,6 +81,14 @@ pub enum RigError {
         board: String,
         /// Why.
         message: String,
+    },
+    /// A board's process sends what is no record, or does not take one.
+    #[error("no more records to or from board '{board}'")]
+    Record {
+        /// The board.
+        board: String,
+        /// Why.
+        source: io::Error,
     },
     /// A board has not answered for ten seconds of wall time.
     #[error("board '{board}' has not answered for {} s", SLOW_BOARD.as_secs())]
@@ -145,6 +142,8 @@ pub struct Rig {
     lines: Vec<String>,
     pc: NodeId,
     children: Signal,
+    /// There has been news of the processes that is not noted yet.
+    news: bool,
     incidents: Vec<Incident>,
 }
 
@@ -165,6 +164,7 @@ impl Rig {
             lines: Vec::new(),
             pc: file.boards.len(),
             children,
+            news: false,
             incidents: Vec::new(),
         };
         for board in &file.boards {
@@ -292,7 +292,11 @@ impl Rig {
         // A board that had been stopped may still owe an answer.
         let owed = self.engine.is_waiting();
         self.give(turns).await?;
-        Ok(some || owed)
+        let news = self.has_news().await;
+        if news {
+            self.look_after_children()?;
+        }
+        Ok(some || owed || news)
     }
 
     /// Brings every board to `until`, however little it has to do. For when the rig is quiet.
@@ -305,13 +309,19 @@ impl Rig {
         self.advance(Limit { until, silence: Instant::START }).await
     }
 
-    /// Waits for news of the processes, and takes note of it.
-    ///
-    /// # Errors
-    /// [`RigError`] if the system refuses to tell.
-    pub async fn news(&mut self) -> Result<(), RigError> {
-        self.children.recv().await;
-        self.look_after_children()
+    /// Waits for news of the processes. The next [step](Self::step) brings the rig up to its limit and then takes note
+    /// of it, so that what became of a process is dated when it was learned. Cancel-safe.
+    pub async fn news(&mut self) {
+        if !self.news {
+            self.children.recv().await;
+            self.news = true;
+        }
+    }
+
+    /// Whether there has been news of the processes since the last call.
+    async fn has_news(&mut self) -> bool {
+        let come = poll_fn(|context| Poll::Ready(self.children.poll_recv(context).is_ready())).await;
+        core::mem::take(&mut self.news) || come
     }
 
     /// Gives boards their turns and waits for their answers.
@@ -324,9 +334,9 @@ impl Rig {
                     let broken = |source| RigError::BrokenPromise { board: node.name.clone(), source };
                     self.engine.answer(id, answer.map_err(broken)?)?;
                 }
-                // If this fails the process has died: its socket will say so.
                 Seat::Process(process) => {
-                    process.send(&ToBoard::Turn(turn)).ok();
+                    let sent = process.send(&ToBoard::Turn(turn));
+                    sent.map_err(|source| RigError::Record { board: node.name.clone(), source })?;
                 }
                 Seat::Empty => {}
             }
@@ -342,7 +352,7 @@ impl Rig {
         let mut patience = std::pin::pin!(tokio::time::sleep(SLOW_BOARD));
         while self.engine.is_waiting() {
             let happened = poll_fn(|context| {
-                if self.children.poll_recv(context).is_ready() {
+                if core::mem::take(&mut self.news) || self.children.poll_recv(context).is_ready() {
                     return Poll::Ready(Happened::News);
                 }
                 for (id, node) in self.nodes.iter_mut().enumerate() {
@@ -375,10 +385,11 @@ impl Rig {
             Ok(Some(FromBoard::Ready { .. })) => {
                 Err(RigError::Board { board: name.clone(), message: "introduced itself twice".to_owned() })
             }
-            Ok(None) | Err(_) => {
+            Err(source) => Err(RigError::Record { board: name.clone(), source }),
+            Ok(None) => {
                 let Seat::Process(process) = &mut self.nodes[id].seat else { return Ok(()) };
                 let status = process.died().await?;
-                self.bury(id, status);
+                self.process_changed(id, ProcessChange::Died(status));
                 Ok(())
             }
         }
@@ -389,29 +400,21 @@ impl Rig {
             while let Seat::Process(process) = &mut self.nodes[id].seat
                 && let Some(change) = process.change()?
             {
-                match change {
-                    Change::Stopped => {
-                        let at = self.engine.stop(id);
-                        self.note(id, at, Mishap::Stopped);
-                    }
-                    Change::Continued => {
-                        let at = self.engine.resume(id);
-                        self.note(id, at, Mishap::Continued);
-                    }
-                    Change::Died(status) => self.bury(id, status),
-                }
+                self.process_changed(id, change);
             }
         }
         Ok(())
     }
 
-    fn bury(&mut self, id: NodeId, status: ExitStatus) {
-        let at = self.engine.kill(id);
-        self.nodes[id].seat = Seat::Empty;
-        self.note(id, at, Mishap::Died(status));
-    }
-
-    fn note(&mut self, id: NodeId, at: Instant, what: Mishap) {
+    fn process_changed(&mut self, id: NodeId, what: ProcessChange) {
+        let at = match what {
+            ProcessChange::Stopped => self.engine.stop(id),
+            ProcessChange::Continued => self.engine.resume(id),
+            ProcessChange::Died(_) => {
+                self.nodes[id].seat = Seat::Empty;
+                self.engine.kill(id)
+            }
+        };
         let Node { name, pid, .. } = &self.nodes[id];
         self.incidents.push(Incident { at, board: name.clone(), pid: pid.unwrap_or_default(), what });
     }

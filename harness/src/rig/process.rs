@@ -21,11 +21,14 @@ pub(super) struct BoardProcess {
     channel: Channel,
 }
 
-/// What has become of a process.
+/// What has become of a board's process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Change {
+pub enum ProcessChange {
+    /// It was stopped.
     Stopped,
+    /// It was continued.
     Continued,
+    /// It died.
     Died(ExitStatus),
 }
 
@@ -51,8 +54,12 @@ impl BoardProcess {
         self.pid
     }
 
+    /// If the process has died, its socket's end will say so.
     pub(super) fn send(&mut self, record: &ToBoard) -> io::Result<()> {
-        self.channel.send(record)
+        match self.channel.send(record) {
+            Err(error) if matches!(error.kind(), io::ErrorKind::BrokenPipe | io::ErrorKind::ConnectionReset) => Ok(()),
+            sent => sent,
+        }
     }
 
     /// The board's next record; `None` if the board is gone.
@@ -61,14 +68,14 @@ impl BoardProcess {
     }
 
     /// What has become of the process since the last call.
-    pub(super) fn change(&mut self) -> io::Result<Option<Change>> {
+    pub(super) fn change(&mut self) -> io::Result<Option<ProcessChange>> {
         if let Some(status) = self.child.try_wait()? {
-            return Ok(Some(Change::Died(status)));
+            return Ok(Some(ProcessChange::Died(status)));
         }
         let options = WaitIdOptions::STOPPED | WaitIdOptions::CONTINUED | WaitIdOptions::NOHANG;
         match rustix::process::waitid(WaitId::Pid(self.pid), options) {
-            Ok(Some(status)) if status.stopped() => Ok(Some(Change::Stopped)),
-            Ok(Some(status)) if status.continued() => Ok(Some(Change::Continued)),
+            Ok(Some(status)) if status.stopped() => Ok(Some(ProcessChange::Stopped)),
+            Ok(Some(status)) if status.continued() => Ok(Some(ProcessChange::Continued)),
             Ok(_) => Ok(None),
             // It has died in between: the next call will say so.
             Err(rustix::io::Errno::CHILD) => Ok(None),
