@@ -340,6 +340,69 @@ fn demonstration_is_sent_to_its_end() {
 }
 
 #[test]
+fn long_stream_is_held_at_full_speed_too() {
+    let up = Up::start(&["--pace", "max"]);
+    let mut pc = pc_with_ixon(&up);
+    // A quarter of a minute of virtual time, and as long again.
+    pc.write(&MEDIUM.repeat(10));
+    pc.expect(&[ACK; 10]);
+    wait_for_times(&up, "all slaves done", 10);
+}
+
+#[test]
+fn what_a_held_program_could_not_send_is_not_the_next_ones() {
+    let up = traced(&["--pace", "20"]);
+    let mut old = pc_with_ixon(&up);
+    old.write(&[LONG, FEED, FEED, FEED, FEED].concat());
+    old.expect(&[ACK]);
+    up.wait_for_log("pc: received 19");
+    drop(old);
+    up.wait_for_log("the PC port has been closed");
+    let mut new = up.pc();
+    new.write(&AT_REST);
+    new.expect(&[NAK, b'o']);
+    up.wait_for_log("bytes that the program before could not send are dropped");
+    new.write(&AT_REST);
+    new.expect(&[NAK, b'o']);
+    assert!(new.is_silent());
+}
+
+#[test]
+fn held_program_that_has_closed_the_port_is_sent_to_its_end_while_nobody_else_writes() {
+    let up = traced(&["--pace", "20"]);
+    let mut old = pc_with_ixon(&up);
+    old.write(&MEDIUM.repeat(5));
+    old.expect(&[ACK]);
+    up.wait_for_log("pc: received 19");
+    drop(old);
+    up.wait_for_log("the PC port has been closed");
+    let _reader = up.pc();
+    wait_for_times(&up, "all slaves done", 5);
+}
+
+#[test]
+fn speed_that_no_uart_has_does_not_stop_the_rig() {
+    let up = Up::start(&["--pace", "20"]);
+    for baud in [u32::MAX, 1] {
+        let mut wrong = Pc::open(&up.link(), baud);
+        wrong.write(&[0x55; 64]);
+        drop(wrong);
+        let mut right = up.pc();
+        loop {
+            right.write(&AT_REST);
+            // An answer to what came before may be among them.
+            let mut answer = right.read(1);
+            while !matches!(answer[0], XON | NAK) {
+                answer = right.read(1);
+            }
+            if answer == [XON] {
+                break;
+            }
+        }
+    }
+}
+
+#[test]
 fn program_with_a_refused_frame_ends_as_rejected() {
     let up = Up::start(&["--pace", "20"]);
     let folder = folder();

@@ -9,7 +9,7 @@ use torno_protocol::uart::BITS_PER_CHARACTER;
 use crate::engine::{Fact, Limit};
 use crate::observe::log;
 use crate::pace::{Brake, Pace};
-use crate::pc::{PcEvent, PcUart};
+use crate::pc::{PcEvent, PcUart, STOPPED};
 use crate::port::{LineSettings, PcPort, PortEvent};
 use crate::rig::file::RigFile;
 use crate::rig::{Driver, Rig, RigError};
@@ -19,6 +19,8 @@ use crate::rig::{Driver, Rig, RigError};
 const DRIVER_QUEUE: usize = 16;
 /// The driver takes a new helping when no more than this is left.
 const DRIVER_LOW: usize = 4;
+/// Nor more often than this: above some 40 000 baud a late computer leaves gaps.
+const SLICE_MIN: Span = Span::from_millis(1);
 /// Boards that nothing reaches are brought up to date this often, so that none has long to catch up when something
 /// does.
 const KEEP_UP: Span = Span::from_secs(10);
@@ -31,6 +33,10 @@ pub struct Live {
     settings: LineSettings,
     /// Bytes that the client has written and that are not yet on the line.
     queued: usize,
+    /// Whether the client that has the port open has written.
+    began: bool,
+    /// The UART has been stopped by `XOFF`.
+    held: bool,
     /// How far time has gone.
     reached: Instant,
     kept_up: Instant,
@@ -62,6 +68,8 @@ impl Live {
             brake: Brake::new(pace)?,
             settings,
             queued: 0,
+            began: false,
+            held: false,
             reached: Instant::START,
             kept_up: Instant::START,
         })
@@ -130,8 +138,9 @@ impl Live {
             return allowed;
         }
         let low = BITS_PER_CHARACTER * DRIVER_LOW as u64 * 1_000_000_000 / u64::from(self.settings.baud.max(1));
+        let low = Span::from_nanos(low).max(SLICE_MIN);
         let next = self.rig.engine().next_instant().max(self.reached);
-        Limit::until(allowed.until.min(next + Span::from_nanos(low)))
+        Limit::until(allowed.until.min(next + low))
     }
 
     /// How many of the client's bytes the driver takes; the others stay in the kernel.
@@ -184,11 +193,15 @@ impl Live {
         let mut received = Vec::new();
         for fact in self.rig.take_facts() {
             log::log(&self.rig, &fact);
-            let Fact::Event { node, event, value, .. } = fact else { continue };
-            if node != self.rig.pc() {
-                continue;
-            }
-            match PcEvent::from_numbers(event, value) {
+            let event = match fact {
+                Fact::Event { node, event, value, .. } if node == self.rig.pc() => PcEvent::from_numbers(event, value),
+                Fact::Telemetry { node, signal: STOPPED, value, .. } if node == self.rig.pc() => {
+                    self.held = value != 0;
+                    None
+                }
+                _ => None,
+            };
+            match event {
                 Some(PcEvent::Sent(_)) => self.queued = self.queued.saturating_sub(1),
                 Some(PcEvent::Received(byte) | PcEvent::Garbled(byte)) => received.push(byte),
                 None => {}
@@ -213,6 +226,7 @@ impl Live {
 
     fn take(&mut self, event: PortEvent, at: Instant) -> Result<(), LiveError> {
         log::set_time(at);
+        self.began &= !matches!(event, PortEvent::Opened | PortEvent::Closed);
         self.configure(at)?;
         match event {
             PortEvent::Data(bytes) => {
@@ -223,24 +237,41 @@ impl Live {
                 self.queued = 0;
                 self.stimulate(at, Stimulus::Discard);
             }
-            PortEvent::Opened => {
-                tracing::info!("the PC port has been opened");
-                // As an opened tty does: whatever stopped the client before is not this one's.
-                let LineSettings { baud, ixon } = self.settings;
-                [false, ixon].into_iter().for_each(|ixon| self.stimulate(at, Stimulus::Configure { baud, ixon }));
-            }
+            PortEvent::Opened => tracing::info!("the PC port has been opened"),
+            PortEvent::Began => self.begin(at)?,
             PortEvent::FlowControl => {}
             PortEvent::Closed => tracing::info!("the PC port has been closed"),
         }
         Ok(())
     }
 
-    /// Sets the UART to what the client has set.
+    /// A client writes for the first time. If the one before has left the UART held, neither its hold nor what it could
+    /// not send is this one's.
+    fn begin(&mut self, at: Instant) -> Result<(), LiveError> {
+        self.began = true;
+        if self.held {
+            let left = self.port.forget_leftover() + self.queued;
+            if left > 0 {
+                tracing::warn!("{left} bytes that the program before could not send are dropped");
+            }
+            self.queued = 0;
+            self.stimulate(at, Stimulus::Discard);
+            let LineSettings { baud, .. } = self.settings;
+            self.settings.ixon = false;
+            self.stimulate(at, Stimulus::Configure { baud, ixon: false });
+        }
+        self.configure(at)
+    }
+
+    /// Sets the UART to what the client has set. What the one before has left is still sent as that one wanted.
     fn configure(&mut self, at: Instant) -> Result<(), LiveError> {
+        if self.port.leftover() > 0 || (!self.began && self.queued > 0) {
+            return Ok(());
+        }
         let settings = self.port.settings()?;
         if settings != self.settings {
+            self.settings = settings;
             let LineSettings { baud, ixon } = settings;
-            self.settings = LineSettings { baud, ixon };
             tracing::info!("the program at the PC port sets {baud} baud, XON/XOFF {}", if ixon { "on" } else { "off" });
             self.stimulate(at, Stimulus::Configure { baud, ixon });
         }

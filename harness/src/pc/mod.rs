@@ -2,4 +2,4 @@
 
 mod uart;
 
-pub use uart::{Outside, PcEvent, PcProgram, PcUart};
+pub use uart::{BAUD, Outside, PcEvent, PcProgram, PcUart, STOPPED};

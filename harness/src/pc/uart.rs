@@ -1,6 +1,7 @@
 //! The PC's UART: what a driver and a serial chip do, as a board of the rig.
 
 use std::collections::VecDeque;
+use std::ops::RangeInclusive;
 
 use torno_protocol::board::{Board, Deadline, Description, Input, Output, Signal, Stimulus};
 use torno_protocol::clock::{Clock, Rate};
@@ -62,6 +63,12 @@ impl PcEvent {
         Output::Event { event, value: i64::from(byte) }
     }
 }
+
+/// The speeds that the chip can have, in baud. Beyond them it takes the nearest.
+pub const BAUD: RangeInclusive<u32> = 50..=4_000_000;
+
+/// The number of the UART's one quantity: whether `XOFF` has stopped it.
+pub const STOPPED: u8 = 0;
 
 /// A serial chip with a transmit FIFO, and the driver that feeds it.
 ///
@@ -127,7 +134,7 @@ impl<P: PcProgram> PcUart<P> {
     fn stop(&mut self, stopped: bool) {
         if self.stopped != stopped {
             self.stopped = stopped;
-            self.outputs.push_back(Output::Telemetry { signal: 0, value: i64::from(stopped) });
+            self.outputs.push_back(Output::Telemetry { signal: STOPPED, value: i64::from(stopped) });
         }
     }
 
@@ -136,7 +143,9 @@ impl<P: PcProgram> PcUart<P> {
             self.stop(false);
         }
         self.ixon = ixon;
-        if baud != self.baud && baud > 0 {
+        // 0 hangs up; the cable has no line for that.
+        let baud = if baud == 0 { self.baud } else { baud.clamp(*BAUD.start(), *BAUD.end()) };
+        if baud != self.baud {
             self.baud = baud;
             self.retuned = true;
             self.transmitter.retune(Rate::hz(baud), self.clock);

@@ -1,3 +1,4 @@
+use std::collections::VecDeque;
 use std::io;
 use std::path::Path;
 
@@ -11,14 +12,16 @@ use super::{LineSettings, LinkPath, PortError};
 pub enum PortEvent {
     /// A client opened the port, which nobody had open.
     Opened,
+    /// The client that opened the port has written for the first time; its bytes follow those that the one before
+    /// has left, unless these are [forgotten](PcPort::forget_leftover).
+    Began,
     /// Bytes the client has written; never empty.
     Data(Vec<u8>),
     /// The client has flushed its output: whatever it wrote before and has not left yet is to be forgotten.
     Flushed,
     /// The client has turned XON/XOFF on or off: see [`PcPort::settings`].
     FlowControl,
-    /// The last client has closed the port. All its data came before this, unless the next client was there already:
-    /// then what is left comes after that one's [`Opened`](PortEvent::Opened). Nothing is ever lost.
+    /// The last client has closed the port. What it has left still comes, before the bytes of the next.
     Closed,
 }
 
@@ -30,8 +33,10 @@ pub struct PcPort {
     link: Link,
     clients: Clients,
     pty: Pty,
-    /// Whether the last of `Opened` and `Closed` that was told is `Opened`.
-    told_open: bool,
+    /// Whether the client that has the port open has written.
+    began: bool,
+    /// What a client that has closed the port still had to say.
+    leftover: VecDeque<PortEvent>,
 }
 
 impl PcPort {
@@ -49,7 +54,7 @@ impl PcPort {
         let pty = Pty::open(baud)?;
         let clients = Clients::watch(pty.path()).map_err(PortError::watch)?;
         let link = Link::make(link, pty.path())?;
-        Ok(PcPort { link, clients, pty, told_open: false })
+        Ok(PcPort { link, clients, pty, began: false, leftover: VecDeque::new() })
     }
 
     /// The device that clients open, `/dev/pts/N`.
@@ -74,7 +79,7 @@ impl PcPort {
 
     /// Waits for the next event, and takes at most `max` bytes of data. With 0, data stay where they are: the client
     /// fills the kernel's buffer (9 to 18 KB), and its writes then block, as with a driver whose queue is full. Other
-    /// events come even so, but for `Closed`, which waits for the data before it.
+    /// events come even so.
     ///
     /// Cancel-safe: an event that was not returned comes from the next call.
     ///
@@ -121,31 +126,74 @@ impl PcPort {
     /// As there.
     pub fn try_event(&mut self, max: usize) -> io::Result<Option<PortEvent>> {
         self.notice_clients()?;
-        if self.told_open {
-            // With the next client there, the old one's bytes cannot be told from its own: no use in waiting for them.
-            let next_is_there = self.clients.changes().len() > 1;
-            if !next_is_there {
-                match self.pty.look(max)? {
-                    Look::Data(data) => return Ok(Some(PortEvent::Data(data))),
-                    Look::Flushed => return Ok(Some(PortEvent::Flushed)),
-                    Look::FlowControl => return Ok(Some(PortEvent::FlowControl)),
-                    Look::Unwanted => return Ok(None),
-                    Look::Nothing => {}
-                }
-            }
-        }
-        // While nobody has the port open there is nothing to read: an open is noticed before the bytes that follow it.
-        match self.clients.changes().pop_front() {
+        Ok(match self.clients.changes().pop_front() {
             Some(Change::FirstOpened) => {
-                self.told_open = true;
-                Ok(Some(PortEvent::Opened))
+                if self.clients.changes().is_empty() {
+                    self.leftover.retain(|event| *event != PortEvent::Began);
+                }
+                Some(PortEvent::Opened)
             }
-            Some(Change::LastClosed) => {
-                self.told_open = false;
-                self.notice_clients()?;
-                Ok(Some(PortEvent::Closed))
+            Some(Change::LastClosed) => Some(PortEvent::Closed),
+            // While nobody has the port open there is nothing to read: an open is noticed before the bytes that follow.
+            None if self.clients.nobody() => self.take_leftover(max),
+            None => self.look(max)?,
+        })
+    }
+
+    /// What the client that has the port open does, after what the one before has left.
+    fn look(&mut self, max: usize) -> io::Result<Option<PortEvent>> {
+        let wanted = if self.began && self.leftover.is_empty() { max } else { 0 };
+        Ok(match self.pty.look(wanted)? {
+            Look::Data(data) => Some(PortEvent::Data(data)),
+            Look::Flushed => {
+                self.forget_leftover();
+                Some(PortEvent::Flushed)
             }
-            None => Ok(None),
+            Look::FlowControl => Some(PortEvent::FlowControl),
+            Look::Unwanted if !self.began => {
+                self.began = true;
+                Some(PortEvent::Began)
+            }
+            Look::Unwanted | Look::Nothing => self.take_leftover(max),
+        })
+    }
+
+    fn take_leftover(&mut self, max: usize) -> Option<PortEvent> {
+        match self.leftover.front_mut()? {
+            PortEvent::Data(_) if max == 0 => None,
+            PortEvent::Data(data) if data.len() > max => Some(PortEvent::Data(data.drain(..max).collect())),
+            _ => self.leftover.pop_front(),
+        }
+    }
+
+    /// How many bytes clients have left that have closed the port.
+    pub fn leftover(&self) -> usize {
+        self.leftover.iter().map(|event| if let PortEvent::Data(data) = event { data.len() } else { 0 }).sum()
+    }
+
+    /// Forgets these. Says how many there were.
+    pub fn forget_leftover(&mut self) -> usize {
+        let left = self.leftover();
+        self.leftover.clear();
+        left
+    }
+
+    /// The last client is gone: what it has left is set apart from what the next one will write.
+    fn set_leftover_apart(&mut self) -> io::Result<()> {
+        loop {
+            let event = match self.pty.look(usize::MAX)? {
+                Look::Data(data) => PortEvent::Data(data),
+                Look::Flushed => {
+                    self.forget_leftover();
+                    PortEvent::Flushed
+                }
+                Look::FlowControl => PortEvent::FlowControl,
+                Look::Nothing | Look::Unwanted => return Ok(()),
+            };
+            if !core::mem::replace(&mut self.began, true) {
+                self.leftover.push_back(PortEvent::Began);
+            }
+            self.leftover.push_back(event);
         }
     }
 
@@ -157,6 +205,9 @@ impl PcPort {
             if self.clients.nobody() {
                 self.pty.clear_exclusive()?;
             }
+            // The next may be there already, but has hardly written yet.
+            self.set_leftover_apart()?;
+            self.began = false;
         }
         Ok(())
     }

@@ -56,23 +56,16 @@ impl Bench {
         self.event_up_to(4096).await
     }
 
-    /// The next event, but for changes of flow control.
+    /// The next event, but for changes of flow control and a client's first words.
     async fn event_up_to(&mut self, max: usize) -> PortEvent {
-        loop {
-            match within(self.port.event(max)).await.unwrap() {
-                PortEvent::FlowControl => {}
-                event => return event,
-            }
-        }
+        within(self.next_event(max)).await
     }
 
-    /// Data up to the event that ends it, and that event.
-    async fn data_until_other(&mut self) -> (Vec<u8>, PortEvent) {
-        let mut all = Vec::new();
+    async fn next_event(&mut self, max: usize) -> PortEvent {
         loop {
-            match self.event().await {
-                PortEvent::Data(data) => all.extend(data),
-                other => return (all, other),
+            match self.port.event(max).await.unwrap() {
+                PortEvent::FlowControl | PortEvent::Began => {}
+                event => return event,
             }
         }
     }
@@ -90,7 +83,7 @@ impl Bench {
 
     /// Whether there is nothing to tell, with no time given for it to come.
     fn is_quiet(&mut self, max: usize) -> bool {
-        matches!(pin!(self.port.event(max)).poll(&mut Context::from_waker(Waker::noop())), Poll::Pending)
+        matches!(pin!(self.next_event(max)).poll(&mut Context::from_waker(Waker::noop())), Poll::Pending)
     }
 
     /// Waits until the kernel has moved `length` bytes to where the master side reads them.
@@ -459,8 +452,10 @@ async fn write_then_close_loses_nothing() {
         assert!(taken == size || taken > 4_096, "{taken} of {size} bytes were taken");
         drop(client);
         assert_eq!(bench.event().await, PortEvent::Opened);
-        assert!(bench.is_quiet(0), "no Closed before the data");
-        assert_eq!(bench.data_until_other().await, (sent[..taken].to_vec(), PortEvent::Closed));
+        assert_eq!(bench.event().await, PortEvent::Closed);
+        assert!(bench.is_quiet(0));
+        assert_eq!(bench.data(taken).await, sent[..taken]);
+        assert!(bench.is_quiet(4096));
     }
 }
 
@@ -470,7 +465,8 @@ async fn shell_redirection_loses_nothing() {
     let status = Command::new("sh").arg("-c").arg("printf 'G28\\n' > \"$0\"").arg(bench.port.link()).status();
     assert!(status.unwrap().success());
     assert_eq!(bench.event().await, PortEvent::Opened);
-    assert_eq!(bench.data_until_other().await, (b"G28\n".to_vec(), PortEvent::Closed));
+    assert_eq!(bench.event().await, PortEvent::Closed);
+    assert_eq!(bench.data(4).await, b"G28\n");
 }
 
 #[tokio::test]
@@ -489,6 +485,33 @@ async fn next_client_that_comes_at_once_gets_through() {
     assert_eq!(bench.port.settings().unwrap().baud, 19_200, "the reset spares whoever is there");
     bench.reply(b"ok");
     assert_eq!(second.read(2), b"ok");
+}
+
+#[tokio::test]
+async fn what_a_client_has_left_is_told_apart_from_what_the_next_one_writes() {
+    let mut bench = Bench::new();
+    for forget in [false, true] {
+        let old = bench.client().await;
+        old.write(b"old").unwrap();
+        assert_eq!(within(bench.port.event(0)).await.unwrap(), PortEvent::Began);
+        bench.arrived(3).await;
+        drop(old);
+        assert_eq!(bench.event_up_to(0).await, PortEvent::Closed);
+        assert!(bench.is_quiet(0));
+        let new = Client::open(bench.port.link());
+        assert_eq!(bench.event_up_to(0).await, PortEvent::Opened);
+        assert_eq!(bench.event_up_to(2).await, PortEvent::Data(b"ol".to_vec()));
+        new.write(b"new").unwrap();
+        assert_eq!(within(bench.port.event(0)).await.unwrap(), PortEvent::Began, "even if no data are wanted");
+        if forget {
+            assert_eq!(bench.port.forget_leftover(), 1);
+        } else {
+            assert_eq!(bench.event().await, PortEvent::Data(b"d".to_vec()));
+        }
+        assert_eq!(bench.event().await, PortEvent::Data(b"new".to_vec()));
+        drop(new);
+        assert_eq!(bench.event().await, PortEvent::Closed);
+    }
 }
 
 #[tokio::test]
@@ -517,9 +540,9 @@ async fn settings_outlive_the_client() {
     });
     client.write(b"slow").unwrap();
     drop(client);
-    assert_eq!(bench.event().await, PortEvent::Data(b"slow".to_vec()));
-    assert_eq!(bench.port.settings().unwrap(), LineSettings { baud: 1_200, ixon: true });
     assert_eq!(bench.event().await, PortEvent::Closed);
+    assert_eq!(bench.port.settings().unwrap(), LineSettings { baud: 1_200, ixon: true });
+    assert_eq!(bench.event().await, PortEvent::Data(b"slow".to_vec()));
     assert_eq!(bench.port.settings().unwrap(), LineSettings { baud: 1_200, ixon: true });
     let next = termios::tcgetattr(&bench.client().await.0).unwrap();
     assert!(next.local_modes.contains(LocalModes::ECHO | LocalModes::ICANON));
