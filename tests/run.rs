@@ -11,7 +11,7 @@ use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 
-use common::{ACK, XOFF, XON, folder, is_installed, json, output};
+use common::{ACK, NAK, XOFF, XON, folder, is_installed, json, output};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde_json::Value;
@@ -511,6 +511,76 @@ fn an_axis_that_runs_into_its_end_of_travel_is_reported() {
         assert!(least.contains(&telemetry(&finale, slave.name(), "position_counts")), "{:?}", finale.boards.len());
         assert_eq!(telemetry(&finale, slave.name(), "drive"), 0);
         assert_eq!(telemetry(&finale, "spindle", "set_point_rpm"), 0);
+    }
+}
+
+/// A rig in this process whose PC writes what the test says.
+struct Bench {
+    rig: Rig,
+    counts: Counts,
+    now: Instant,
+}
+
+impl Bench {
+    fn new(settings: &str) -> Self {
+        let text = include_str!("../harness/builtin/lathe.toml").replacen(MASTER, settings, 1);
+        let file = RigFile::parse("test.toml", &text).unwrap();
+        let uart = PcUart::new(file.pc.baud, file.pc.tx_fifo, file.pc.clock);
+        let rig = block_on(Rig::start(&file, &Driver::InProcess, uart)).unwrap();
+        let counts = Counts::new(&rig);
+        Self { rig, counts, now: Instant::START }
+    }
+
+    fn write(&mut self, frame: [u8; 8]) {
+        let pc = self.rig.pc();
+        self.rig.stimulate(pc, self.now, Stimulus::Write(frame.to_vec()));
+    }
+
+    fn hang(&mut self, slave: Slave, at: Instant, hung: bool) {
+        let node = self.rig.nodes().iter().position(|node| node.name == slave.name()).unwrap();
+        self.rig.stimulate(node, at, Stimulus::Hang(hung));
+    }
+
+    /// What the PC receives until `seconds` have passed.
+    fn run(&mut self, seconds: f64) -> Vec<u8> {
+        self.now += Span::from_micros((seconds * 1e6) as u64);
+        block_on(self.rig.advance(Limit::until(self.now))).unwrap();
+        self.counts.add(&mut self.rig);
+        std::mem::take(&mut self.counts.received)
+    }
+
+    fn of(&self, board: &str, quantity: &str) -> i64 {
+        self.counts.of(&self.rig, board, quantity)
+    }
+}
+
+const MASTER: &str = "kind = \"master\"";
+/// A master that gives a slave up as soon as it may.
+const HASTY: &str = "kind = \"master\"\n[board.settings]\nenquiries = 2\nanswer_ms = 5\nenquiry_period_ms = 100";
+
+#[test]
+fn what_a_slave_missed_while_it_hung_it_does_not_do_once_it_is_given_up() {
+    let frame = [0x4b, 0xe1, 0x00, 0xe1, 0, 0, 2, 0];
+    for slave in Slave::ALL {
+        for settings in [MASTER, HASTY] {
+            let mut bench = Bench::new(settings);
+            bench.hang(slave, bench.now, true);
+            bench.write(frame);
+            assert_eq!(bench.run(30.0), [ACK, CAN, slave.letter(), b'n', XON], "{slave:?}");
+            bench.hang(slave, bench.now, false);
+            assert!(bench.run(30.0).is_empty());
+            let set_points = [("spindle", 1_500), ("transverse", 225), ("depth", 2)];
+            for ((board, expected), its) in set_points.into_iter().zip(Slave::ALL) {
+                let quantity = if its == Slave::Spindle { "set_point_rpm" } else { "position_counts" };
+                let expected = if its == slave { 0 } else { expected };
+                assert!((bench.of(board, quantity) - expected).abs() <= 1, "{slave:?} hung: {board}");
+            }
+            // It is asked when a frame needs it, and then takes the next.
+            bench.write(frame);
+            assert_eq!(bench.run(0.1), [NAK, b'f']);
+            bench.write(frame);
+            assert_eq!(bench.run(60.0), [ACK, XON]);
+        }
     }
 }
 

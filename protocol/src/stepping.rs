@@ -510,7 +510,7 @@ mod tests {
         let during: Vec<_> = told.iter().filter(|(at, _)| *at >= ms(100) && *at < ms(2000)).collect();
         assert!(during.is_empty(), "{during:?}");
         let fetched: Vec<_> = told.iter().filter(|(_, output)| matches!(output, Output::Event { .. })).collect();
-        let (first, second) = (Output::Event { event: 0, value: 1 }, Output::Event { event: 1, value: 2 });
+        let (first, second) = (Output::Event { event: 1, value: 1 }, Output::Event { event: 1, value: 2 });
         assert_eq!(fetched, [&(ms(2000), first), &(ms(2000), second)]);
         // The deadlines that passed meanwhile are due at once.
         assert!(told.iter().any(|(at, output)| *at == ms(2000) && matches!(output, Output::Character { .. })));

@@ -20,14 +20,14 @@ impl Fifo {
         }
     }
 
-    /// What the firmware fetches next. The character after a loss carries the overrun flag; fetching it clears it.
+    /// What the firmware fetches next. After a loss every character carries the overrun flag until the buffer has been
+    /// emptied: OERR can be read before a character is fetched, so none of them need be trusted.
     pub fn pop(&mut self) -> Option<Character> {
         let [first, second] = self.slots;
         self.slots = [second, None];
         let mut character = first?;
-        if self.slots[0].is_none() {
-            character.overrun |= core::mem::take(&mut self.overrun);
-        }
+        character.overrun |= self.overrun;
+        self.overrun &= second.is_some();
         Some(character)
     }
 }
@@ -48,8 +48,8 @@ mod tests {
     }
 
     #[test]
-    fn a_third_character_overruns() {
-        assert_eq!(fetched(&[1, 2, 3, 4]), [(1, false), (2, true)]);
+    fn a_third_character_overruns_and_spoils_the_two_before_it() {
+        assert_eq!(fetched(&[1, 2, 3, 4]), [(1, true), (2, true)]);
     }
 
     #[test]
