@@ -26,7 +26,8 @@ pub struct MasterSettings {
     pub enquiry_period_ms: u32,
     /// How long it may take to answer, in milliseconds. Default 20, range 5…1000.
     pub answer_ms: u32,
-    /// How many enquiries in a row may go unanswered. Default 3, range 1…10.
+    /// How many enquiries in a row may go unanswered. Default 3, range 2…10: two enquiries after a sub-frame are more
+    /// than a slave's receiver holds, so one that hangs until it is given up finds an overrun and executes nothing.
     pub enquiries: u32,
 }
 
@@ -45,7 +46,7 @@ impl MasterSettings {
         let ranges = [
             ("enquiry_period_ms", self.enquiry_period_ms, 100..=10_000),
             ("answer_ms", self.answer_ms, 5..=1000),
-            ("enquiries", self.enquiries, 1..=10),
+            ("enquiries", self.enquiries, 2..=10),
         ];
         match ranges.iter().find(|(_, value, range)| !range.contains(value)) {
             Some((name, value, range)) => {

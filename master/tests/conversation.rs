@@ -212,6 +212,13 @@ fn a_slave_that_does_not_answer_reaches_the_pc_within_three_seconds() {
 }
 
 #[test]
+fn one_unanswered_enquiry_is_not_enough_to_give_a_slave_up() {
+    let refused = |enquiries| MasterSettings { enquiries, ..MasterSettings::default() }.check().err();
+    assert_eq!(refused(1).unwrap(), "enquiries = 1: expected 2 to 10");
+    assert_eq!(refused(2), None);
+}
+
+#[test]
 fn after_a_failure_the_others_finish_before_the_pc_may_go_on() {
     let mut bench = Bench::new();
     bench.send(0, &[FRAME, AT_REST].concat());
