@@ -584,6 +584,53 @@ fn what_a_slave_missed_while_it_hung_it_does_not_do_once_it_is_given_up() {
     }
 }
 
+/// However long a slave hangs while its part comes, even in the middle of it, and whenever it goes on.
+#[test]
+fn the_pc_is_told_that_a_frame_is_done_only_if_every_slave_did_its_part() {
+    let frame = [0x4b, 0xe1, 0x00, 0xe1, 0, 0, 2, 0];
+    // The parts begin when the frame's eight characters have come.
+    let part = Instant::START + Span::from_nanos(8 * CHARACTER);
+    let quarters = |n: u64| Span::from_nanos(n * CHARACTER / 4);
+    let mut outcomes = BTreeSet::new();
+    for (slave, quantity, target) in [
+        (Slave::Spindle, "set_point_rpm", 1_500),
+        (Slave::Transverse, "position_counts", 225),
+        (Slave::Depth, "position_counts", 2),
+    ] {
+        let bytes = SLAVE_LINES[slave as usize].2.len() as u64;
+        for (from, until) in (0..=4 * bytes + 4).flat_map(|from| {
+            let until = [1, 4, 9, 14, 18, 40].map(|more| part + quarters(from + more)).into_iter();
+            let asked = [1_000.5, 1_011.0, 1_012.5, 1_015.0, 1_032.0, 1_040.0, 2_000.0].map(|ms| seconds(ms / 1e3));
+            until.chain(asked).map(move |until| (from, until))
+        }) {
+            let mut bench = Bench::new(MASTER);
+            bench.hang(slave, part + quarters(from), true);
+            bench.hang(slave, until, false);
+            bench.write(frame);
+            let replies = bench.run(30.0);
+            let position = bench.of(slave.name(), quantity);
+            let moved = (position - target).abs() <= 1;
+            assert!(moved || position == 0, "{slave:?} hangs from {from} quarters until {until}: {position}");
+            let what = match &replies[..] {
+                [ACK, XON] => "done",
+                [ACK, CAN, letter, b'g', XON] if *letter == slave.letter() => "garbled",
+                [ACK, CAN, letter, b'n', XON] if *letter == slave.letter() => "no answer",
+                other => panic!("{slave:?} hangs from {from} quarters until {until}: {other:02x?}"),
+            };
+            let expected = match what {
+                "done" => true,
+                // One that has its part when it hangs goes on with it afterwards.
+                "no answer" if from > 4 * bytes => true,
+                "no answer" if from + 2 >= 4 * bytes => moved,
+                _ => false,
+            };
+            assert_eq!(moved, expected, "{slave:?} hangs from {from} quarters until {until}: {what}");
+            outcomes.insert((slave, what));
+        }
+    }
+    assert_eq!(outcomes.len(), 9, "{outcomes:?}");
+}
+
 // --- frames that are refused ----------------------------------------------------------------------------------------
 
 #[test]

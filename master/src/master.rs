@@ -121,10 +121,11 @@ enum Event {
     SlaveLost,
     SlaveStalled,
     SlaveEndOfTravel,
+    SlaveGarbled,
 }
 
 impl Event {
-    const TEXTS: [&str; 12] = [
+    const TEXTS: [&str; 13] = [
         "frame {} distributed",
         "frame held: slaves are busy",
         "all slaves done",
@@ -137,6 +138,7 @@ impl Event {
         "slave '{c}' does not answer",
         "slave '{c}' reports: stalled",
         "slave '{c}' reports: end of travel",
+        "slave '{c}' reports: sub-frame garbled",
     ];
 }
 
@@ -270,6 +272,7 @@ impl Master {
             Fault::NoAnswer => Event::SlaveLost,
             Fault::Stalled => Event::SlaveStalled,
             Fault::EndOfTravel => Event::SlaveEndOfTravel,
+            Fault::Garbled => Event::SlaveGarbled,
         };
         self.event(event, i64::from(slave.letter()));
         self.reply(Reply::Can(slave, fault));

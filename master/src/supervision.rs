@@ -131,8 +131,12 @@ impl Supervision {
 
     /// A slave that says how it failed has answered, so it may be given new instructions.
     fn failed(&mut self, fault: Fault) -> Report {
-        let was = core::mem::replace(&mut self.state, State::Idle);
-        if was == State::Lost { Report::Back } else { Report::Failed(fault) }
+        match (core::mem::replace(&mut self.state, State::Idle), fault) {
+            (State::Lost, _) => Report::Back,
+            // The answer to an enquiry that is over: it has been given nothing to miss.
+            (State::Idle, Fault::Garbled) => Report::Nothing,
+            _ => Report::Failed(fault),
+        }
     }
 }
 
@@ -206,6 +210,14 @@ mod tests {
         assert_eq!(slave.byte(ms(0), CAN), Report::Nothing);
         assert_eq!(slave.byte(ms(0), b'e'), Report::Failed(Fault::EndOfTravel));
         assert!(!slave.is_busy() && !slave.is_lost());
+    }
+
+    #[test]
+    fn a_missed_part_is_a_fault_only_of_a_slave_that_was_given_one() {
+        let garbled = |mut slave: Supervision| [CAN, b'g'].map(|byte| slave.byte(ms(1_001), byte))[1];
+        assert_eq!(garbled(busy()), Report::Failed(Fault::Garbled));
+        assert_eq!(garbled(Supervision::new(PATIENCE)), Report::Nothing);
+        assert_eq!(garbled(lost()), Report::Back);
     }
 
     #[test]

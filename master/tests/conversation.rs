@@ -219,6 +219,20 @@ fn one_unanswered_enquiry_is_not_enough_to_give_a_slave_up() {
 }
 
 #[test]
+fn a_slave_that_missed_its_part_has_failed_and_takes_the_next_frame() {
+    let mut bench = Bench::new();
+    bench.send(0, &FRAME);
+    [1, 2].iter().for_each(|port| bench.send(*port, &[ACK]));
+    bench.run(ms(1_005));
+    bench.send(3, &[CAN, b'g']);
+    assert_eq!(bench.replies(), [ACK, CAN, b'd', b'g', XON]);
+    bench.run(ms(60));
+    bench.send(0, &FRAME);
+    bench.run(ms(10));
+    assert_eq!(bench.received(0), [ACK]);
+}
+
+#[test]
 fn after_a_failure_the_others_finish_before_the_pc_may_go_on() {
     let mut bench = Bench::new();
     bench.send(0, &[FRAME, AT_REST].concat());

@@ -2,6 +2,11 @@
 //!
 //! The master sends a sub-frame, the slave executes it and then says `ACK`, or `CAN` and a letter if it fails. Asked
 //! with `ENQ`, it says `BEL` while busy, `CAN` and the letter while a fault stands, and else `ACK`.
+//!
+//! A sub-frame that it could not take is such a fault: `ACK` would say that it has been executed. It is told when asked
+//! only, since what is heard may as well be noise on an idle line, and every time until a sub-frame is taken, since
+//! the answer may get lost.
+//!
 //! (Ours: the paper only says that the slaves report the end of their process, §3.)
 
 use std::collections::VecDeque;
@@ -59,8 +64,8 @@ impl Event {
     const fn of(fault: Fault) -> Self {
         match fault {
             Fault::EndOfTravel => Self::EndOfTravel,
-            // A slave that does not answer cannot say so: it only ever finds itself stalled.
-            Fault::Stalled | Fault::NoAnswer => Self::Stalled,
+            // Of the others, a machine only ever finds itself stalled.
+            Fault::Stalled | Fault::NoAnswer | Fault::Garbled => Self::Stalled,
         }
     }
 }
@@ -140,6 +145,7 @@ impl<const N: usize> Link<N> {
     /// The sub-frame cannot be executed. The master is told nothing: it asks.
     pub(crate) fn refuse(&mut self, refusal: Refusal) {
         self.tell(Event::Refused, i64::from(refusal.letter()));
+        self.miss();
     }
 
     /// The sub-frame is being executed from now on.
@@ -198,6 +204,7 @@ impl<const N: usize> Link<N> {
             self.answer();
         } else if self.length > 0 {
             self.tell(Event::CutShort, self.length as i64);
+            self.miss();
         }
         self.length = 0;
     }
@@ -218,7 +225,15 @@ impl<const N: usize> Link<N> {
         }
     }
 
+    /// What may have been a sub-frame is not executed. Of a busy slave the master expects none.
+    fn miss(&mut self) {
+        if !self.is_busy() {
+            self.state = State::Faulted(Fault::Garbled);
+        }
+    }
+
     fn lose_step(&mut self) -> Option<[u8; N]> {
+        self.miss();
         self.length = 0;
         self.out_of_step = true;
         None
@@ -366,6 +381,45 @@ mod tests {
         heard.link.start();
         heard.link.finish();
         heard.byte(0, ENQ);
+        assert_eq!(heard.sent(), [ACK, ACK]);
+    }
+
+    #[test]
+    fn a_missed_sub_frame_is_told_when_asked_until_one_is_taken() {
+        let bad = Character { framing_error: true, ..Character::good(1) };
+        let misses: [fn(&mut Heard<3>, Character); 4] = [
+            |heard, bad| heard.character(0, bad),
+            |heard, _| (heard.byte(0, 1), heard.byte(1_042, 2)).1,
+            |heard, _| heard.link.refuse(Refusal::Direction),
+            // What follows a bad character in the same burst; then the silence.
+            |heard, bad| (heard.character(0, bad), heard.byte(1_042, 2)).1,
+        ];
+        for miss in misses {
+            let mut heard = Heard::<3>::new();
+            miss(&mut heard, bad);
+            heard.silence(9_000);
+            assert_eq!(heard.sent(), [], "unasked it says nothing");
+            for ask in [10_000, 30_000] {
+                heard.byte(ask, ENQ);
+                heard.silence(ask + 9_000);
+                assert_eq!(heard.sent(), [CAN, b'g']);
+            }
+            heard.link.start();
+            heard.link.finish();
+            heard.byte(50_000, ENQ);
+            heard.silence(60_000);
+            assert_eq!(heard.sent(), [ACK, ACK]);
+        }
+    }
+
+    #[test]
+    fn noise_while_busy_is_no_missed_sub_frame() {
+        let mut heard = Heard::<1>::new();
+        heard.link.start();
+        heard.character(0, Character { framing_error: true, ..Character::good(1) });
+        heard.byte(10_000, 7);
+        heard.link.finish();
+        heard.byte(20_000, ENQ);
         assert_eq!(heard.sent(), [ACK, ACK]);
     }
 

@@ -41,6 +41,9 @@ pub enum Fault {
     Stalled,
     /// An axis ran into its end of travel.
     EndOfTravel,
+    /// Its part of a frame did not reach it whole, and nothing of it was executed. Told only when asked: what is heard
+    /// while no part is on its way is noise, and the master asks only while it waits for one.
+    Garbled,
 }
 
 impl Slave {
@@ -71,7 +74,7 @@ impl Slave {
 }
 
 impl Fault {
-    const ALL: [Self; 3] = [Self::NoAnswer, Self::Stalled, Self::EndOfTravel];
+    const ALL: [Self; 4] = [Self::NoAnswer, Self::Stalled, Self::EndOfTravel, Self::Garbled];
 
     /// The letter on the wire.
     pub const fn letter(self) -> u8 {
@@ -79,6 +82,7 @@ impl Fault {
             Self::NoAnswer => b'n',
             Self::Stalled => b's',
             Self::EndOfTravel => b'e',
+            Self::Garbled => b'g',
         }
     }
 
@@ -94,6 +98,7 @@ impl fmt::Display for Fault {
             Self::NoAnswer => "no answer",
             Self::Stalled => "stalled",
             Self::EndOfTravel => "end of travel",
+            Self::Garbled => "garbled",
         })
     }
 }
@@ -177,7 +182,7 @@ mod tests {
             Just(Reply::Xoff),
             Just(Reply::Xon),
             Just(Reply::Nak(Refusal::CutShort)),
-            Just(Reply::Can(Slave::Depth, Fault::NoAnswer)),
+            prop::sample::select(Fault::ALL.to_vec()).prop_map(|fault| Reply::Can(Slave::Depth, fault)),
         ]
     }
 
