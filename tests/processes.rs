@@ -128,6 +128,8 @@ fn a_frame_that_is_held_when_a_slave_dies_is_never_executed() {
 fn no_frame_that_a_pc_sends_on_after_a_failure_is_executed() {
     // The other axis is at it for half a minute yet, so there is time to write before the XON.
     let (up, mut pc) = in_motion("20", BOTH);
+    pc.write(&FEED);
+    pc.expect(&[XOFF]);
     kill("-KILL", up.board("depth"));
     pc.expect(&[CAN, b'd', b'n']);
     // The rest of a program that knows of nothing. None of it needs the dead board. It is answered once.

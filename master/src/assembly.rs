@@ -23,7 +23,9 @@ pub(crate) struct Assembly {
     mode: Mode,
     /// When the line has been silent for long enough to draw a conclusion.
     deadline: Option<Instant>,
-    /// When the PC was told to stop, if it has not been told to go on.
+    /// `XOFF` has been decided on, and `XON` has not since. On the line both come later.
+    holding: bool,
+    /// When `XOFF` went on the line, if `XON` has not since.
     stopped_at: Option<Instant>,
 }
 
@@ -45,6 +47,7 @@ impl Assembly {
             last: Instant::START,
             mode: Mode::Collecting,
             deadline: None,
+            holding: false,
             stopped_at: None,
         }
     }
@@ -103,27 +106,41 @@ impl Assembly {
         Some(Refusal::CutShort)
     }
 
-    /// The PC is being told to stop.
-    pub(crate) fn stop(&mut self, now: Instant) {
+    /// The PC is to be held (`true`) or no longer; nothing of that is on the line yet.
+    pub(crate) const fn hold(&mut self, holding: bool) {
+        self.holding = holding;
+    }
+
+    /// `XOFF` goes on the line.
+    pub(crate) const fn stop(&mut self, now: Instant) {
         self.stopped_at = Some(now);
     }
 
-    /// The PC is being told to go on.
+    /// `XON` goes on the line. The silence of a PC that was stopped counts from here; that of another has counted.
     pub(crate) fn go_on(&mut self, now: Instant) {
-        self.stopped_at = None;
-        if let Mode::Abandoned(answer) = self.mode {
+        if self.stopped_at.take().is_none() {
+            return;
+        }
+        if let Mode::Abandoned(answer) = self.mode
+            && !self.holding
+        {
             self.mode = Mode::Discarding(answer);
         }
-        if !self.bytes.is_empty() || self.mode != Mode::Collecting {
+        if !self.bytes.is_empty() || matches!(self.mode, Mode::Discarding(_)) {
             self.deadline = Some(now + self.silence);
         }
     }
 
-    /// Throws away what has been received and whatever comes until the PC's line has been silent after the next `XON`.
-    pub(crate) fn abandon(&mut self) {
+    /// Throws away what has been received and whatever comes until the PC's line has been silent; if the PC is held, or
+    /// is about to be, until it has been silent after `XON`.
+    pub(crate) fn abandon(&mut self, now: Instant) {
         self.bytes.clear();
-        self.deadline = None;
-        self.mode = Mode::Abandoned(Some(Refusal::Faulted));
+        let answer = Some(Refusal::Faulted);
+        (self.mode, self.deadline) = if self.holding || self.stopped_at.is_some() {
+            (Mode::Abandoned(answer), None)
+        } else {
+            (Mode::Discarding(answer), Some(now + self.silence))
+        };
     }
 }
 
@@ -191,16 +208,47 @@ mod tests {
     }
 
     #[test]
-    fn after_a_failure_everything_is_thrown_away_until_silence_after_xon() {
+    fn after_a_failure_a_held_pc_must_be_silent_after_xon() {
         let mut assembly = Assembly::new(Clock::TRUE);
+        assembly.hold(true);
+        assembly.stop(ms(0));
         send(&mut assembly, ms(0), &FRAME[..2]);
-        assembly.abandon();
+        assembly.abandon(ms(5));
         assert_eq!(assembly.poll_timeout(), None);
         assert_eq!(send(&mut assembly, ms(2_000), &FRAME), [Err(Refusal::Faulted)]);
+        assembly.hold(false);
         assembly.go_on(ms(3_000));
         assert_eq!(send(&mut assembly, ms(3_010), &FRAME), []);
         assert!(assembly.poll_timeout().is_some_and(|deadline| deadline > ms(3_060)));
         assembly.handle_silence();
         assert_eq!(send(&mut assembly, ms(4_000), &FRAME), [Ok(FRAME)]);
+    }
+
+    #[test]
+    fn after_a_failure_the_silence_of_a_pc_that_is_not_held_counts_at_once() {
+        let mut assembly = Assembly::new(Clock::TRUE);
+        send(&mut assembly, ms(0), &FRAME[..2]);
+        assembly.abandon(ms(5));
+        assert_eq!(send(&mut assembly, ms(10), &FRAME), [Err(Refusal::Faulted)]);
+        let deadline = assembly.poll_timeout().unwrap();
+        assembly.go_on(ms(20));
+        assert_eq!(assembly.poll_timeout(), Some(deadline), "its silence has counted already");
+        assembly.handle_silence();
+        assert_eq!(send(&mut assembly, ms(500), &FRAME), [Ok(FRAME)]);
+    }
+
+    #[test]
+    fn an_xon_that_was_decided_on_before_the_xoff_ends_nothing() {
+        let mut assembly = Assembly::new(Clock::TRUE);
+        assembly.stop(ms(0));
+        // Queued: the XON of the last hold, the XOFF of the next.
+        assembly.hold(true);
+        assembly.abandon(ms(1));
+        assembly.go_on(ms(2));
+        assembly.stop(ms(3));
+        assert_eq!(assembly.poll_timeout(), None);
+        assembly.hold(false);
+        assembly.go_on(ms(900));
+        assert!(assembly.poll_timeout().is_some_and(|deadline| deadline > ms(950)));
     }
 }

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use serde::{Deserialize, Serialize};
 use torno_protocol::board::{Board, Deadline, Description, Input, Output, Signal, Stimulus};
 use torno_protocol::clock::Clock;
-use torno_protocol::lathe::{CHARACTER, ENQ, Fault, Frame, RATE, Refusal, Reply, Slave, XOFF};
+use torno_protocol::lathe::{CHARACTER, ENQ, Fault, Frame, RATE, Refusal, Reply, Slave, XOFF, XON};
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::{Character, Receiver, TickTimer, Transmitter};
 
@@ -197,6 +197,7 @@ impl Master {
                 self.firmware.held = Some(frame);
                 self.event(Event::Held, 0);
                 self.telemetry(Quantity::FrameHeld, 1);
+                self.firmware.assembly.hold(true);
                 self.reply(Reply::Xoff);
             }
             Ok(frame) => match self.firmware.lost_slave_for(&frame) {
@@ -229,7 +230,7 @@ impl Master {
         self.telemetry(Quantity::FramesDistributed, frames);
         self.reply(Reply::Ack);
         for (slave, fault) in core::mem::take(&mut self.firmware.failures) {
-            self.fail(slave, fault);
+            self.fail(now, slave, fault);
         }
         self.check_done(now);
     }
@@ -261,13 +262,13 @@ impl Master {
             self.firmware.failures.push((slave, fault));
             return;
         }
-        self.fail(slave, fault);
+        self.fail(now, slave, fault);
         self.check_done(now);
     }
 
     /// Tells the PC; what was held is not executed, and nothing more is accepted until the PC's line has been silent:
     /// with one frame missing, the relative frames that follow would turn a different part.
-    fn fail(&mut self, slave: Slave, fault: Fault) {
+    fn fail(&mut self, now: Instant, slave: Slave, fault: Fault) {
         let event = match fault {
             Fault::NoAnswer => Event::SlaveLost,
             Fault::Stalled => Event::SlaveStalled,
@@ -279,7 +280,7 @@ impl Master {
         if self.firmware.held.take().is_some() {
             self.telemetry(Quantity::FrameHeld, 0);
         }
-        self.firmware.assembly.abandon();
+        self.firmware.assembly.abandon(now);
     }
 
     fn check_done(&mut self, now: Instant) {
@@ -288,7 +289,7 @@ impl Master {
         }
         self.event(Event::AllDone, 0);
         self.reply(Reply::Xon);
-        self.firmware.assembly.go_on(now);
+        self.firmware.assembly.hold(false);
         if let Some(frame) = self.firmware.held.take() {
             self.telemetry(Quantity::FrameHeld, 0);
             self.distribute(now, frame);
@@ -329,8 +330,10 @@ impl Master {
     /// Loads whatever shift registers are free.
     fn load(&mut self, now: Instant) {
         if let Some(loaded) = self.firmware.pc.load(now) {
-            if loaded.byte == XOFF {
-                self.firmware.assembly.stop(now);
+            match loaded.byte {
+                XOFF => self.firmware.assembly.stop(now),
+                XON => self.firmware.assembly.go_on(now),
+                _ => {}
             }
             self.outputs.push_back(Output::Character { port: PC, edges: loaded.edges, end: loaded.end });
         }

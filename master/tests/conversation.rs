@@ -265,6 +265,26 @@ fn after_a_failure_no_later_frame_runs_by_surprise() {
 }
 
 #[test]
+fn after_a_failure_every_frame_after_a_gap_is_answered() {
+    let mut bench = Bench::new();
+    bench.send(0, &FRAME);
+    bench.run(ms(20));
+    bench.send(2, &[CAN, b's']);
+    // The PC reads nothing, and goes on while the other slaves are at it.
+    let mut answers = vec![bench.replies()];
+    for _ in 0..3 {
+        bench.send(0, &FRAME);
+        answers.push(bench.replies());
+        bench.run(ms(200));
+    }
+    let held = [vec![ACK, CAN, b't', b's'], vec![NAK, b'f'], vec![XOFF], vec![NAK, b'o']];
+    assert_eq!(answers, held);
+    [1, 3].iter().for_each(|port| bench.send(*port, &[ACK]));
+    bench.run(ms(10));
+    assert_eq!(bench.received(0), [XON, ACK]);
+}
+
+#[test]
 fn a_frame_that_needs_a_lost_slave_is_refused_until_it_answers() {
     let mut bench = Bench::new();
     bench.send(0, &FRAME);
