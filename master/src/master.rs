@@ -10,7 +10,7 @@ use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::{Character, Receiver, TickTimer, Transmitter};
 
 use crate::assembly::{Assembly, Bytes};
-use crate::supervision::{Patience, Report, Supervision};
+use crate::supervision::{Due, Patience, Report, Supervision};
 
 /// The port to the PC; the slaves' ports follow, in the order of [`Slave::ALL`].
 const PC: u8 = 0;
@@ -318,10 +318,10 @@ impl Master {
         for slave in Slave::ALL {
             let supervision = &mut self.firmware.links[slave as usize].supervision;
             if supervision.poll_timeout().is_some_and(|at| at <= now) {
-                if supervision.handle_timeout(now) {
-                    self.firmware.enquire(now, slave);
-                } else {
-                    self.slave_failed(now, slave, Fault::NoAnswer);
+                match supervision.handle_timeout(now) {
+                    Due::Enquiry => self.firmware.enquire(now, slave),
+                    Due::Lost => self.slave_failed(now, slave, Fault::NoAnswer),
+                    Due::Nothing => {}
                 }
             }
         }

@@ -48,6 +48,17 @@ pub(crate) enum Report {
     OutOfPlace,
 }
 
+/// What a deadline calls for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Due {
+    /// The slave is to be asked whether it is there.
+    Enquiry,
+    /// It is lost: the PC must be told.
+    Lost,
+    /// Nobody waits for it.
+    Nothing,
+}
+
 impl Supervision {
     pub(crate) const fn new(patience: Patience) -> Self {
         Self { patience, state: State::Idle, cancelling: false }
@@ -81,16 +92,16 @@ impl Supervision {
         }
     }
 
-    /// The deadline is due. `true`: enquire now; `false`: the slave is lost.
-    pub(crate) fn handle_timeout(&mut self, now: Instant) -> bool {
-        let State::Busy { unanswered, next_period, .. } = self.state else { return false };
+    /// The deadline is due.
+    pub(crate) fn handle_timeout(&mut self, now: Instant) -> Due {
+        let State::Busy { unanswered, next_period, .. } = self.state else { return Due::Nothing };
         if unanswered >= self.patience.enquiries {
             self.state = State::Lost;
-            return false;
+            return Due::Lost;
         }
         let next_period = if unanswered == 0 { now + self.patience.period } else { next_period };
         self.state = State::Busy { deadline: now + self.patience.answer, unanswered: unanswered + 1, next_period };
-        true
+        Due::Enquiry
     }
 
     /// The slave sent a byte.
@@ -160,9 +171,10 @@ mod tests {
         let mut slave = busy();
         for at in [1000, 1020, 1040] {
             assert_eq!(slave.poll_timeout(), Some(ms(at)));
-            assert!(slave.handle_timeout(ms(at)));
+            assert_eq!(slave.handle_timeout(ms(at)), Due::Enquiry);
         }
-        assert!(!slave.handle_timeout(ms(1060)));
+        assert_eq!(slave.handle_timeout(ms(1060)), Due::Lost);
+        assert_eq!(slave.handle_timeout(ms(1080)), Due::Nothing);
         slave
     }
 
@@ -171,7 +183,7 @@ mod tests {
         let mut slave = busy();
         for second in 1..4 {
             assert_eq!(slave.poll_timeout(), Some(ms(1000 * second)));
-            assert!(slave.handle_timeout(ms(1000 * second)));
+            assert_eq!(slave.handle_timeout(ms(1000 * second)), Due::Enquiry);
             assert_eq!(slave.byte(ms(0), BEL), Report::Nothing);
         }
         assert_eq!(slave.byte(ms(0), ACK), Report::Done);
