@@ -5,10 +5,11 @@ use std::path::Path;
 
 use serde::Deserialize;
 use toml::Spanned;
+use toml::de::{DeTable, DeValue};
 use torno_protocol::board::Description;
 use torno_protocol::clock::Clock;
 
-use super::kinds;
+use super::kinds::{self, KindError};
 use crate::text::{self, TextError};
 
 /// The rigs that are built in: name and text.
@@ -180,20 +181,25 @@ impl RigFile {
             let column = before.rsplit('\n').next().unwrap_or_default().chars().count() + 1;
             RigFileError::Invalid { path: path.to_owned(), line, column, message }
         };
-        let raw: RawRig = toml::from_str(text)
-            .map_err(|error| invalid((error.span().unwrap_or(0..0), error.message().to_owned())))?;
-        Self::check(raw).map_err(invalid)
+        let of_toml = |error: toml::de::Error| invalid((error.span().unwrap_or(0..0), error.message().to_owned()));
+        let table = DeTable::parse(text).map_err(of_toml)?;
+        let raw = RawRig::deserialize(toml::Deserializer::from(table.clone())).map_err(of_toml)?;
+        Self::check(raw, table.get_ref()).map_err(invalid)
     }
 
-    fn check(raw: RawRig) -> Result<Self, Complaint> {
+    /// `table` is the file that `raw` was read from: it still knows where each setting stands.
+    fn check(raw: RawRig, table: &DeTable<'_>) -> Result<Self, Complaint> {
         if raw.dialect.get_ref() != "lathe" {
             let message = format!("unknown dialect '{}': expected lathe", raw.dialect.get_ref());
             return Err((raw.dialect.span(), message));
         }
         check_name(&raw.name)?;
         let mut boards: Vec<Board> = Vec::new();
-        for raw in raw.board {
-            let board = check_board(raw, &boards)?;
+        let none = Spanned::new(0..0, DeValue::Table(DeTable::new()));
+        for (place, raw) in raw.board.into_iter().enumerate() {
+            let board = table.get("board").and_then(|boards| boards.get_ref().get(place));
+            let settings = board.and_then(|board| board.get_ref().get("settings")).unwrap_or(&none);
+            let board = check_board(raw, settings, &boards)?;
             boards.push(board);
         }
         let mut taken = Vec::new();
@@ -240,7 +246,7 @@ fn check_name(name: &Spanned<String>) -> Result<(), Complaint> {
     Ok(())
 }
 
-fn check_board(raw: RawBoard, others: &[Board]) -> Result<Board, Complaint> {
+fn check_board(raw: RawBoard, settings: &Spanned<DeValue<'_>>, others: &[Board]) -> Result<Board, Complaint> {
     check_name(&raw.name)?;
     let name = raw.name.get_ref().clone();
     if name == "pc" || others.iter().any(|board| board.name == name) {
@@ -248,8 +254,14 @@ fn check_board(raw: RawBoard, others: &[Board]) -> Result<Board, Complaint> {
     }
     let clock = check_clock(&raw.clock_ppm)?;
     let kind = raw.kind.get_ref().clone();
-    let settings = toml::to_string(&raw.settings).map_err(|error| (raw.name.span(), error.to_string()))?;
-    let stepper = kinds::build(&kind, &settings, clock).map_err(|error| (raw.kind.span(), error.to_string()))?;
+    let stepper = kinds::build_parsed(&kind, settings, clock).map_err(|error| {
+        let span = match &error {
+            KindError::Settings { span, .. } => span.clone().unwrap_or(settings.span()),
+            KindError::Unknown { .. } => raw.kind.span(),
+        };
+        (span, error.to_string())
+    })?;
+    let settings = toml::to_string(&raw.settings).map_err(|error| (settings.span(), error.to_string()))?;
     Ok(Board { name, kind, clock, settings, description: stepper.description() })
 }
 
@@ -303,6 +315,56 @@ mod tests {
     fn the_built_in_rigs_are_sound() {
         for (name, _) in BUILT_IN {
             assert_eq!(RigFile::load(name).unwrap().name, name);
+        }
+    }
+
+    #[test]
+    fn complaints_about_settings_say_where_in_the_file() {
+        // Where they may stand, and how far below `kind` and how far right each field then begins.
+        type Place = (fn(&str) -> String, usize, usize);
+        let places: [Place; 4] = [
+            (|fields| format!("[board.settings]\npitch_mm = 2.5\n{fields}"), 3, 1),
+            (|fields| format!("clock_ppm = 5\nsettings = {{ pitch_mm = 2.5, {fields} }}"), 2, 30),
+            (|fields| format!("settings.pitch_mm = 2.5\nsettings.{fields}"), 2, 10),
+            (|fields| format!("settings = {{\n  # (Ours.)\n\n  {fields},\n}}"), 4, 3),
+        ];
+        let kind = "kind = \"depth\"";
+        let text = BUILT_IN[0].1;
+        let kind_line = text[..text.find(kind).unwrap()].matches('\n').count() + 1;
+        let known = "expected one of `tau_s`, `pitch_mm`, `rpm`, `poll_ms`, `slots`, `length_mm`";
+        for (field, column, expected) in [
+            ("rpn = 8", 0, format!("unknown field `rpn`, {known}")),
+            ("\"r p m\" = 8", 0, format!("unknown field `r p m`, {known}")),
+            ("rpm = 0", 6, "rpm: expected 0.1 to 1000, found 0".to_owned()),
+            ("rpm   = nan", 8, "rpm: expected 0.1 to 1000, found NaN".to_owned()),
+            ("rpm = \"8\"", 6, "invalid type: string \"8\", expected f64".to_owned()),
+            ("rpm = { x = 8 }", 6, "invalid type: map, expected f64".to_owned()),
+            ("rpm.x = 8", 0, "invalid type: map, expected f64".to_owned()),
+            ("rpm = [1, 2]", 6, "invalid type: sequence, expected f64".to_owned()),
+            ("poll_ms = -1", 10, "invalid value: integer `-1`, expected u32".to_owned()),
+            ("slots = 900.5", 8, "invalid type: floating point `900.5`, expected u32".to_owned()),
+            ("law.gains = { k = 8 }", 0, format!("unknown field `law`, {known}")),
+        ] {
+            for (place, lines, columns) in places {
+                let to = format!("{kind}\n{}", place(field));
+                let expected =
+                    format!("my.toml:{}:{}: settings of this depth: {expected}", kind_line + lines, columns + column);
+                assert_eq!(lathe_with(kind, &to), expected, "{to}");
+            }
+        }
+    }
+
+    #[test]
+    fn each_board_has_its_own_settings() {
+        let own = [("master", "answer_ms = 1", "answer_ms = 1: expected 5 to 1000"), ("spindle", "k = 1e3", "k: ")];
+        for (kind, field, expected) in own {
+            let from = format!("kind = \"{kind}\"");
+            // The depth board's come later in the file, and are fine.
+            let text = BUILT_IN[0].1.replace("kind = \"depth\"", "kind = \"depth\"\nsettings.rpm = 9");
+            let text = text.replace(&from, &format!("{from}\nsettings.{field}"));
+            let found = RigFile::parse("my.toml", &text).unwrap_err().to_string();
+            let line = text[..text.find(field).unwrap()].matches('\n').count() + 1;
+            assert!(found.starts_with(&format!("my.toml:{line}:")) && found.contains(expected), "{found}");
         }
     }
 

@@ -1,6 +1,10 @@
 //! The kinds of boards: the one place that knows what each is made of.
 
+use std::ops::Range;
+
 use serde::de::DeserializeOwned;
+use toml::Spanned;
+use toml::de::{DeTable, DeValue, ValueDeserializer};
 use torno_master::{Master, MasterSettings};
 use torno_protocol::board::{Board, Description};
 use torno_protocol::clock::Clock;
@@ -49,6 +53,8 @@ pub enum KindError {
         kind: String,
         /// What was expected, and what was found.
         message: String,
+        /// Where in their text, if it is one place.
+        span: Option<Range<usize>>,
     },
 }
 
@@ -57,7 +63,15 @@ pub enum KindError {
 /// # Errors
 /// [`KindError`] if there is no such kind, or its settings are wrong.
 pub fn build(kind: &str, settings: &str, clock: Clock) -> Result<Box<dyn Steps>, KindError> {
-    let wrong = |message| KindError::Settings { kind: kind.to_owned(), message };
+    let table = DeTable::parse(settings).map_err(|error| wrong(kind, of_toml(error)))?;
+    build_parsed(kind, &Spanned::new(table.span(), DeValue::Table(table.into_inner())), clock)
+}
+
+/// The same from settings that are part of a larger text: it is this text that an error's span lies in.
+///
+/// # Errors
+/// As there.
+pub fn build_parsed(kind: &str, settings: &Spanned<DeValue<'_>>, clock: Clock) -> Result<Box<dyn Steps>, KindError> {
     match kind {
         "master" => read(settings, MasterSettings::check).map(|s| boxed(Master::new(&s, clock))),
         "spindle" => read(settings, SpindleSettings::check).map(|s| boxed(Spindle::new(&s, clock))),
@@ -65,12 +79,34 @@ pub fn build(kind: &str, settings: &str, clock: Clock) -> Result<Box<dyn Steps>,
         "depth" => read(settings, DepthSettings::check).map(|s| boxed(Depth::new(&s, clock))),
         _ => return Err(KindError::Unknown { kind: kind.to_owned() }),
     }
-    .map_err(wrong)
+    .map_err(|complaint| wrong(kind, complaint))
 }
 
-fn read<S: DeserializeOwned>(text: &str, check: impl Fn(&S) -> Result<(), String>) -> Result<S, String> {
-    let settings = toml::from_str(text).map_err(|error: toml::de::Error| error.message().to_owned())?;
-    check(&settings).map(|()| settings)
+/// What is wrong with settings, and where.
+type Complaint = (String, Option<Range<usize>>);
+
+fn read<S: DeserializeOwned>(
+    settings: &Spanned<DeValue<'_>>,
+    check: impl Fn(&S) -> Result<(), String>,
+) -> Result<S, Complaint> {
+    let read = S::deserialize(ValueDeserializer::from(settings.clone())).map_err(of_toml)?;
+    match check(&read) {
+        Ok(()) => Ok(read),
+        Err(message) => {
+            // A check names the field first.
+            let field = message.split(|c: char| c != '_' && !c.is_ascii_alphanumeric()).next();
+            let span = field.and_then(|field| settings.get_ref().get(field)).map(Spanned::span);
+            Err((message, span))
+        }
+    }
+}
+
+fn of_toml(error: toml::de::Error) -> Complaint {
+    (error.message().to_owned(), error.span())
+}
+
+fn wrong(kind: &str, (message, span): Complaint) -> KindError {
+    KindError::Settings { kind: kind.to_owned(), message, span }
 }
 
 fn boxed<B: Board + Send + 'static>(board: B) -> Box<dyn Steps> {
