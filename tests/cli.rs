@@ -89,6 +89,8 @@ fn a_broken_rig_file_is_refused_with_file_line_and_what_was_expected() {
         ("\"depth.master\"", "\"dept.master\"", line_of("\"depth.master\""), "expected one of master, spindle"),
         ("\"depth.master\"", "\"depth.pc\"", line_of("\"depth.master\""), "no port 'pc': expected one of master"),
         ("\"depth.master\"", "\"spindle.master\"", line_of("\"depth.master\""), "is already connected"),
+        ("\"depth.master\"", "\"master.transverse\"", line_of("\"depth.master\""), "'master' is linked to itself"),
+        ("name = \"depth\"", "name = \"pc\"", line_of("name = \"depth\""), "the name 'pc' is the PC's"),
         ("port = \"master.pc\"", "", line_of("[pc]"), "missing field `port`"),
     ] {
         let folder = folder();

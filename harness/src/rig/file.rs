@@ -135,7 +135,8 @@ struct RawBoard {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawLink {
-    ends: Spanned<[Spanned<String>; 2]>,
+    // Not an array of two, which would leave out a third without a word.
+    ends: Spanned<Vec<Spanned<String>>>,
 }
 
 fn default_baud() -> Spanned<u32> {
@@ -220,8 +221,15 @@ impl RigFile {
         let mut links: Vec<[(usize, u8); 2]> = Vec::new();
         for RawLink { ends } in raw.link {
             let span = ends.span();
-            let [a, b] = ends.into_inner();
-            let link = [end(&a)?, end(&b)?];
+            let [a, b] = ends.get_ref().as_slice() else {
+                return Err((span, format!("expected the two ends of a link, found {}", ends.get_ref().len())));
+            };
+            let (from, to) = (find_end(&boards, a)?.0, find_end(&boards, b)?.0);
+            if from == to {
+                let name = &boards[from].name;
+                return Err((span, format!("'{name}' is linked to itself: expected ports of two different boards")));
+            }
+            let link = [end(a)?, end(b)?];
             let pair = |link: &[(usize, u8); 2]| (link[0].0.min(link[1].0), link[0].0.max(link[1].0));
             if links.iter().any(|other| pair(other) == pair(&link)) {
                 let (a, b) = (&boards[link[0].0].name, &boards[link[1].0].name);
@@ -249,8 +257,11 @@ fn check_name(name: &Spanned<String>) -> Result<(), Complaint> {
 fn check_board(raw: RawBoard, settings: &Spanned<DeValue<'_>>, others: &[Board]) -> Result<Board, Complaint> {
     check_name(&raw.name)?;
     let name = raw.name.get_ref().clone();
-    if name == "pc" || others.iter().any(|board| board.name == name) {
-        return Err((raw.name.span(), format!("the name '{name}' is already taken")));
+    if name == "pc" {
+        return Err((raw.name.span(), "the name 'pc' is the PC's: expected another for this board".to_owned()));
+    }
+    if others.iter().any(|board| board.name == name) {
+        return Err((raw.name.span(), format!("the name '{name}' is already taken: expected another for this board")));
     }
     let clock = check_clock(&raw.clock_ppm)?;
     let kind = raw.kind.get_ref().clone();
@@ -290,7 +301,11 @@ fn find_end(boards: &[Board], end: &Spanned<String>) -> Result<(usize, u8), Comp
     };
     let Some(place) = boards.iter().position(|other| other.name == board) else {
         let known: Vec<&str> = boards.iter().map(|board| board.name.as_str()).collect();
-        return complain(format!("there is no board '{board}': expected one of {}", known.join(", ")));
+        return complain(match known.join(", ") {
+            known if board == "pc" => format!("the PC is linked by 'port' in [pc]: expected one of {known}"),
+            known if known.is_empty() => format!("there is no board '{board}': expected a [[board]] of that name"),
+            known => format!("there is no board '{board}': expected one of {known}"),
+        });
     };
     let ports = &boards[place].description.ports;
     match ports.iter().position(|other| other == port) {
@@ -381,12 +396,60 @@ mod tests {
             ("\"depth.master\"", "\"depht.master\"", "there is no board 'depht': expected one of master, spindle"),
             ("\"master.depth\"", "\"master.spindle\"", "port 'master.spindle' is already connected"),
             ("name = \"depth\"", "name = \"spindle\"", "the name 'spindle' is already taken"),
+            (
+                "\"master.depth\", \"depth.master\"",
+                "\"master.depth\", \"master.transverse\"",
+                "my.toml:LINE:8: 'master' is linked to itself: expected ports of two different boards",
+            ),
+            (
+                "\"spindle.master\"",
+                "\"master.spindle\"",
+                "my.toml:LINE:8: 'master' is linked to itself: expected ports of two different boards",
+            ),
+            (
+                "\"depth.master\"",
+                "\"pc.cable\"",
+                "my.toml:LINE:25: the PC is linked by 'port' in [pc]: expected one of master, spindle, ",
+            ),
+            ("\"depth.master\"", "\"depth\"", "my.toml:LINE:25: 'depth': expected board.port"),
+            ("\"depth.master\"", "\"depth.mister\"", "my.toml:LINE:25: board 'depth' has no port 'mister': expected"),
+            ("\"depth.master\"", "\"depht.master\"", "my.toml:LINE:25: there is no board 'depht': expected one of"),
+            ("\"depth.master\"", "\"spindle.master\"", "my.toml:LINE:25: port 'spindle.master' is already connected"),
+            ("\"master.depth\"", "\"master.pc\"", "my.toml:LINE:9: port 'master.pc' is already connected"),
+            (
+                "\"master.depth\", \"depth.master\"",
+                "\"master.depth\"",
+                "my.toml:LINE:8: expected the two ends of a link, found 1",
+            ),
+            (
+                "\"depth.master\"]",
+                "\"depth.master\", \"a.b\"]",
+                "my.toml:LINE:8: expected the two ends of a link, found 3",
+            ),
+            ("name = \"depth\"", "name = \"spindle\"", "my.toml:LINE:8: the name 'spindle' is already taken: expected"),
+            (
+                "name = \"depth\"",
+                "name = \"pc\"",
+                "my.toml:LINE:8: the name 'pc' is the PC's: expected another for this board",
+            ),
+            ("port = \"master.pc\"", "port = \"mister.pc\"", "my.toml:LINE:8: there is no board 'mister': expected"),
+            ("port = \"master.pc\"", "port = \"master.usb\"", "my.toml:LINE:8: board 'master' has no port 'usb': "),
+            ("port = \"master.pc\"", "port = \"pc.cable\"", "my.toml:LINE:8: the PC is linked by 'port'"),
             ("tx_fifo", "tx_fivo", "my.toml:9:1: unknown field `tx_fivo`"),
             ("kind = \"depth\"", "kind = \"depth\"\n[board.settings]\npitch = 1", "unknown field `pitch`"),
             ("[pc]", "[pc", "my.toml:6:4:"),
         ] {
+            let line = BUILT_IN[0].1.split(from).next().unwrap().matches('\n').count() + 1;
+            let expected = &expected.replace("LINE", &line.to_string());
             let found = lathe_with(from, to);
             assert!(found.contains(expected), "{found}\nlacks\n{expected}");
         }
+    }
+
+    #[test]
+    fn a_rig_without_boards_is_none() {
+        let text = "name = \"bare\"\ndialect = \"lathe\"\n[pc]\nport = \"master.pc\"\n";
+        let found = RigFile::parse("my.toml", text).unwrap_err().to_string();
+        assert_eq!(found, "my.toml:4:8: there is no board 'master': expected a [[board]] of that name");
     }
 }
