@@ -386,7 +386,7 @@ mod tests {
     #[test]
     fn complaints_say_where_and_what_was_expected() {
         for (from, to, expected) in [
-            ("kind = \"spindle\"", "kind = \"spindel\"", "my.toml:17:8: unknown kind of board 'spindel'"),
+            ("kind = \"spindle\"", "kind = \"spindel\"", "my.toml:18:8: unknown kind of board 'spindel'"),
             ("baud = 9600", "baud = 9", "my.toml:8:8: baud = 9: expected 50 to 4000000"),
             (
                 "\"master.depth\"",
