@@ -45,14 +45,12 @@ impl Arguments {
         let mut interrupt = Interrupt::listen()?;
         let bar = Bar::new(frames, started);
         let run = send.run(|conversation, reply| {
-            let line = format!("{:9.3} s  {reply}", started.elapsed().as_secs_f64());
             if self.json {
                 tracing::info!("{reply}");
-            } else if bar.is_shown() {
-                bar.print(&line);
             } else {
                 // The replies are part of the result.
-                print(&format!("{line}\n")).ok();
+                let line = format!("{:9.3} s  {reply}\n", started.elapsed().as_secs_f64());
+                bar.suspend(|| print(&line)).ok();
             }
             bar.update(conversation.accepted, None);
         });

@@ -1,4 +1,4 @@
-//! The progress bar. Only on a terminal.
+//! The progress bar: on standard error, and only if that is a terminal.
 
 use std::time::Duration;
 
@@ -36,14 +36,9 @@ impl Bar {
         self.bar.set_position(executed as u64);
     }
 
-    /// Whether anybody sees it.
-    pub fn is_shown(&self) -> bool {
-        !self.bar.is_hidden()
-    }
-
-    /// Prints a line above the bar, or nowhere if there is none.
-    pub fn print(&self, line: &str) {
-        self.bar.println(line);
+    /// Does something with the bar out of the way: it may print on the same terminal.
+    pub fn suspend<R>(&self, print: impl FnOnce() -> R) -> R {
+        self.bar.suspend(print)
     }
 
     /// Takes the bar away.
