@@ -558,3 +558,10 @@ fn a_rig_at_a_pace_beyond_this_computer_can_still_be_ended() {
     kill("-INT", up.pid());
     assert_eq!(up.child.wait().unwrap().code(), Some(0));
 }
+
+#[test]
+fn a_run_at_a_pace_beyond_this_computer_says_that_it_is_behind() {
+    let mut run = Run::start(&for_hours(), &["--pace", "100000"]);
+    run.wait_for_log("WARN this computer is ");
+    assert!(run.log().contains(" s behind; going on from here"), "{}", run.log());
+}

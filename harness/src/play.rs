@@ -157,7 +157,9 @@ impl Play {
                 () = stage.rig.news() => {}
                 passed = brake.wait_past(next) => {
                     passed?;
-                    brake.reached(next);
+                    if let Some(by) = brake.reached(next) {
+                        log::behind(next, by);
+                    }
                 }
             }
         }

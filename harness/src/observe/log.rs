@@ -3,6 +3,7 @@
 use std::fmt;
 use std::io::IsTerminal;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
 
 use torno_protocol::board::event_text;
 use torno_protocol::time::Instant;
@@ -41,6 +42,12 @@ pub fn init(default: &str) {
 /// Sets the stamp of what is logged next.
 pub fn set_time(now: Instant) {
     NOW.store(now.as_nanos(), Ordering::Relaxed);
+}
+
+/// Warns that this computer is so far behind the pace, in wall time, and that time goes on from `due` all the same.
+pub fn behind(due: Instant, by: Duration) {
+    set_time(due);
+    tracing::warn!("this computer is {:.1} s behind; going on from here", by.as_secs_f64());
 }
 
 /// Logs a fact: events of boards, and on the finest level each byte of the PC.
