@@ -339,6 +339,33 @@ fn the_dump_has_the_eight_lines_idle_high_around_all_characters() {
 }
 
 #[test]
+fn the_dump_has_room_around_the_characters_of_a_slow_line_too() {
+    let folder = folder();
+    let rig = folder.path().join("slow.toml");
+    let path = folder.path().join("torno.vcd");
+    for (baud, ppm) in [(50, -200_000), (300, 0), (300, -200_000), (300, 200_000), (1200, 0), (115_200, 0)] {
+        let text = include_str!("../harness/builtin/lathe.toml");
+        let text = text.replace("baud = 9600", &format!("baud = {baud}\nclock_ppm = {ppm}"));
+        std::fs::write(&rig, text).unwrap();
+        // The master does not understand that speed; it is the waveform that matters.
+        output(&["run", rig.to_str().unwrap(), "--in-process", "--vcd", path.to_str().unwrap()]);
+        let dump = Dump::read(&std::fs::read_to_string(&path).unwrap());
+        // The first byte is 4B: its start bit ends with an edge. Ten bits are a character.
+        let changes = &dump.wires["pc_to_master"];
+        let character = 10 * (changes[2].0 - changes[1].0);
+        let nominal = 10 * SECOND / baud;
+        assert!((nominal * 3 / 4..nominal * 4 / 3).contains(&character), "{baud}: {character} ns");
+        assert!(changes[1].0 > character, "{baud} baud, {ppm} ppm: idle for a character before the first start bit");
+        // Whatever the last edge is, what is left of its character is in the dump.
+        let last = changes.last().unwrap();
+        assert!(
+            last.1 && dump.end > last.0 + character,
+            "{baud} baud, {ppm} ppm: the dump goes on past the last stop bit"
+        );
+    }
+}
+
+#[test]
 fn every_line_carries_exactly_what_it_must() {
     let folder = folder();
     let dump = demonstration_dump(&folder.path().join("torno.vcd"));

@@ -11,7 +11,8 @@ use crate::pc::{PcEvent, PcProgram, PcUart};
 use crate::rig::file::RigFile;
 use crate::rig::{Driver, Incident, Rig, RigError};
 
-/// The PC starts to send so long after the rig has started.
+/// The PC starts to send so long after the rig has started, or later where characters are long: a decoder wants to see
+/// an idle line first.
 const PROGRAM_START: Span = Span::from_millis(10);
 /// Steps between two looks at the signals that may end the run.
 const STEPS_PER_LOOK: u32 = 64;
@@ -133,7 +134,8 @@ impl Play {
             break_it(&mut rig, breakage)?;
         }
         let pc = rig.pc();
-        rig.stimulate(pc, Instant::START + PROGRAM_START, Stimulus::Write(self.program.bytes()));
+        let start = Instant::START + PROGRAM_START.max(self.file.margin());
+        rig.stimulate(pc, start, Stimulus::Write(self.program.bytes()));
         let mut stage = Stage::new(rig, self.waveforms);
         let mut brake = Brake::new(self.pace)?;
         loop {

@@ -12,7 +12,7 @@ use torno::pace::Pace;
 use torno::play::{Finale, Play};
 use torno::report::{Bar, BoardSummary, Frames, Summary, failures};
 use torno::rig::file::RigFile;
-use torno_protocol::lathe::{CHARACTER, Outcome};
+use torno_protocol::lathe::Outcome;
 
 use super::{FAILED, INTERRUPTED, Interrupt, colour, driver, load_program, print, rig_and_program};
 
@@ -48,7 +48,7 @@ impl Arguments {
         // Before anything runs: a file that cannot be written must not cost a run.
         let vcd = self.vcd.as_deref().map(create).transpose()?;
         let frames = program.frames.len();
-        let tail = CHARACTER.times(2);
+        let tail = file.margin();
         let rig = file.name.clone();
         let waveforms = vcd.is_some();
         let driver = driver(self.in_process)?;

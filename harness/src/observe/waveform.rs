@@ -36,7 +36,8 @@ impl Waveforms {
         }
     }
 
-    /// Writes the dump; it goes on for `tail` after `end` and the last edge, so that the last stop bit is in it.
+    /// Writes the dump; it goes on for `tail`, more than a character on the slowest line, after `end` and the last
+    /// edge, so that the last stop bit is in it.
     ///
     /// # Errors
     /// Whatever writing gives.

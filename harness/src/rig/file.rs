@@ -8,6 +8,9 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 use torno_protocol::board::Description;
 use torno_protocol::clock::Clock;
+use torno_protocol::lathe::BAUD;
+use torno_protocol::time::Span;
+use torno_protocol::uart::BITS_PER_CHARACTER;
 
 use super::kinds::{self, KindError};
 use crate::text::{self, TextError};
@@ -189,6 +192,12 @@ impl RigFile {
     }
 
     /// `table` is the file that `raw` was read from: it still knows where each setting stands.
+    /// Longer than a character takes on any line: two at the slowest speed, as no clock is wrong by half.
+    pub fn margin(&self) -> Span {
+        let slowest = self.pc.baud.min(BAUD);
+        Span::from_nanos(2 * BITS_PER_CHARACTER * 1_000_000_000 / u64::from(slowest))
+    }
+
     fn check(raw: RawRig, table: &DeTable<'_>) -> Result<Self, Complaint> {
         if raw.dialect.get_ref() != "lathe" {
             let message = format!("unknown dialect '{}': expected lathe", raw.dialect.get_ref());
