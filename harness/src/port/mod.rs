@@ -6,7 +6,8 @@
 //! - Once the last client has closed, reads on the master side fail with EIO for ever. The port keeps a slave
 //!   descriptor of its own, so a port without a client costs nothing.
 //! - Because of that descriptor the tty is never closed and a client's state would outlive it: exclusive mode gives the
-//!   next one EBUSY, stopped output EAGAIN, and old replies reach it. When the last client closes, all of it is undone.
+//!   next one EBUSY, stopped output EAGAIN, and old replies reach it. When the last client closes, these three are
+//!   cleared.
 //! - Nothing tells the master side of opens and closes. inotify does, but it merges equal notices that follow each
 //!   other unread, so a plain count of them is wrong: see `clients.rs`.
 //! - `tcflush` by a client is known from packet mode only, and the kernel leaves what had already reached the master
@@ -15,8 +16,8 @@
 //!   the port must stop by itself too.
 //!
 //! Like a serial driver, and like a pty: the kernel takes 9 to 18 KB from a client that nobody reads, and about 22
-//! KB for a client that does not read. Speed and flow control stay as a client has set them, so `stty -F PORT` works.
-//! Unlike with a driver, `tcdrain` and `close` return at once.
+//! KB for a client that does not read. Speed and flow control outlive the client that has set them, so `stty -F PORT`
+//! works. Unlike with a driver, `tcdrain` and `close` return at once.
 //!
 //! **What a pty cannot carry**: parity and other frames than 8 data bits (the kernel clears `PARENB`), the modem lines
 //! (`TIOCMGET` and `TIOCMSET` fail with ENOTTY: no DTR, RTS, CTS, DSR, DCD) and break (silently lost). Software that
