@@ -701,6 +701,36 @@ assert replies == b'\\x06' * 21, replies
     }
 }
 
+#[test]
+fn examples_of_the_readme_do_as_it_says() {
+    let up = Up::start(&["--pace", "20"]);
+    let port = up.link();
+    let examples = |language: &str| -> Vec<String> {
+        let fence = format!("```{language}\n");
+        let blocks = include_str!("../README.md").split(&fence).skip(1);
+        blocks.map(|text| text.split("```").next().unwrap().replace("./lathe", port.to_str().unwrap())).collect()
+    };
+    for script in examples("sh") {
+        assert_eq!(String::from_utf8_lossy(&shell(&script, &[]).stdout), " 06 11\n");
+    }
+    // One that would wait for ever is to fail.
+    let alarm = format!("import signal; signal.alarm({})\n", PATIENCE.as_secs());
+    let scripts = examples("python");
+    for script in &scripts {
+        if !pyserial(&up, &format!("{alarm}{script}")) {
+            return;
+        }
+    }
+    wait_for_times(&up, "all slaves done", 23);
+    let refused = scripts[0].replace("4B E1", "09 E1").replace('\n', "\n    ");
+    assert_ne!(refused, scripts[0]);
+    let expected = "assert str(told).endswith(' is refused: s'), told";
+    pyserial(
+        &up,
+        &format!("{alarm}try:\n    {refused}\nexcept SystemExit as told:\n    {expected}\nelse:\n    assert 0"),
+    );
+}
+
 // --- at rest --------------------------------------------------------------------------------------------------------
 
 /// How often the threads of a process have gone to sleep.
