@@ -192,11 +192,11 @@ impl Engine {
         let until = loop {
             self.bound();
             let until = self.held_at(limit);
-            let mut sent = false;
+            let mut moved = false;
             for id in 0..self.nodes.len() {
-                sent |= self.settle(id, self.nodes[id].safe_until().min(until));
+                moved |= self.settle(id, self.nodes[id].safe_until().min(until));
             }
-            if !sent {
+            if !moved {
                 break until;
             }
         };
@@ -346,7 +346,8 @@ impl Engine {
         }
     }
 
-    /// Settles what a board has told before `until`. Says whether anything went out on a line.
+    /// Settles what a board has told before `until`. Says whether its earliest edges can be later than before: something
+    /// went out on a line, or can no longer be cut short.
     fn settle(&mut self, id: NodeId, until: Instant) -> bool {
         let mut sent = false;
         while self.nodes[id].ahead.front().is_some_and(|told| told.at < until) {
@@ -366,8 +367,7 @@ impl Engine {
                 Output::Event { event, value } => self.facts.push(Fact::Event { node: id, at, event, value }),
             }
         }
-        self.nodes[id].commit_to(until);
-        sent
+        sent | self.nodes[id].commit_to(until)
     }
 
     fn carry(&mut self, from: NodeId, port: u8, mut edges: Vec<Edge>) {

@@ -114,13 +114,16 @@ impl Node {
         })
     }
 
-    /// Everything before `until` is settled.
-    pub(super) fn commit_to(&mut self, until: Instant) {
-        if until > self.commit && !until.is_never() {
-            self.commit = until;
-            self.resets.retain(|reset| *reset >= until);
-            self.silences.retain(|silence| silence.deadline >= until);
+    /// Everything before `until` is settled. Says whether a reset is.
+    pub(super) fn commit_to(&mut self, until: Instant) -> bool {
+        if until <= self.commit || until.is_never() {
+            return false;
         }
+        self.commit = until;
+        self.silences.retain(|silence| silence.deadline >= until);
+        let resets = self.resets.len();
+        self.resets.retain(|reset| *reset >= until);
+        self.resets.len() < resets
     }
 
     /// The first silence of the world outside that the board waits for, if nothing that it will hear breaks it.

@@ -82,7 +82,8 @@ impl Board for Chatterbox {
                 }
             }
             Input::Stimulus(Stimulus::Write(bytes)) => bytes.iter().for_each(|byte| self.transmitters[0].push(*byte)),
-            Input::Stimulus(Stimulus::Reset) => {
+            // Not every board is touched by a reset, but the engine cannot know.
+            Input::Stimulus(Stimulus::Reset) if self.period.is_some() => {
                 self.outputs.extend([Output::Cut { port: 0 }, Output::Cut { port: 1 }]);
                 let Self { clock, software, delay, period, .. } = *self;
                 let outputs = std::mem::take(&mut self.outputs);
