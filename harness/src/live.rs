@@ -165,8 +165,7 @@ impl Live {
 
     fn check_pace(&mut self, due: Instant) {
         if let Some(behind) = self.brake.reached(due) {
-            log::set_time(due);
-            tracing::warn!("this computer is {:.1} s behind; going on from here", behind.as_secs_f64());
+            log::behind(due, behind);
         }
     }
 
