@@ -495,6 +495,15 @@ fn a_slave_that_is_cut_off_from_its_master_in_motion_is_reported_within_three_se
 }
 
 #[test]
+fn a_slave_that_starts_anew_in_motion_is_not_taken_for_done() {
+    for (motion, slave) in [(FEED, Slave::Transverse), (INFEED, Slave::Depth)] {
+        let breakage =
+            Breakage::Stimulus { board: slave.name().to_owned(), at: seconds(10.0), stimulus: Stimulus::Reset };
+        fails(motion, breakage, 10.0, slave, Fault::Restarted);
+    }
+}
+
+#[test]
 fn a_motor_that_stalls_in_motion_is_reported_and_switched_off() {
     for (motion, at, slave) in [(FEED, 10.0, Slave::Transverse), (INFEED, 10.0, Slave::Depth)] {
         let finale = fails(motion, stall(slave.name(), at), at, slave, Fault::Stalled);

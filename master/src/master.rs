@@ -122,10 +122,11 @@ enum Event {
     SlaveStalled,
     SlaveEndOfTravel,
     SlaveGarbled,
+    SlaveRestarted,
 }
 
 impl Event {
-    const TEXTS: [&str; 13] = [
+    const TEXTS: [&str; 14] = [
         "frame {} distributed",
         "frame held: slaves are busy",
         "all slaves done",
@@ -139,6 +140,7 @@ impl Event {
         "slave '{c}' reports: stalled",
         "slave '{c}' reports: end of travel",
         "slave '{c}' reports: sub-frame garbled",
+        "slave '{c}' reports: restarted",
     ];
 }
 
@@ -274,6 +276,7 @@ impl Master {
             Fault::Stalled => Event::SlaveStalled,
             Fault::EndOfTravel => Event::SlaveEndOfTravel,
             Fault::Garbled => Event::SlaveGarbled,
+            Fault::Restarted => Event::SlaveRestarted,
         };
         self.event(event, i64::from(slave.letter()));
         self.reply(Reply::Can(slave, fault));

@@ -145,7 +145,7 @@ impl Supervision {
         match (core::mem::replace(&mut self.state, State::Idle), fault) {
             (State::Lost, _) => Report::Back,
             // The answer to an enquiry that is over: it has been given nothing to miss.
-            (State::Idle, Fault::Garbled) => Report::Nothing,
+            (State::Idle, Fault::Garbled | Fault::Restarted) => Report::Nothing,
             _ => Report::Failed(fault),
         }
     }

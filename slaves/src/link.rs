@@ -5,7 +5,7 @@
 //!
 //! A sub-frame that it could not take is such a fault: `ACK` would say that it has been executed. It is told when asked
 //! only, since what is heard may as well be noise on an idle line, and every time until a sub-frame is taken, since
-//! the answer may get lost.
+//! the answer may get lost. The same after a start: whatever was being executed before is not.
 //!
 //! (Ours: the paper only says that the slaves report the end of their process, §3.)
 
@@ -65,7 +65,7 @@ impl Event {
         match fault {
             Fault::EndOfTravel => Self::EndOfTravel,
             // Of the others, a machine only ever finds itself stalled.
-            Fault::Stalled | Fault::NoAnswer | Fault::Garbled => Self::Stalled,
+            Fault::Stalled | Fault::NoAnswer | Fault::Garbled | Fault::Restarted => Self::Stalled,
         }
     }
 }
@@ -96,7 +96,7 @@ impl<const N: usize> Link<N> {
     pub(crate) fn new(clock: Clock) -> Self {
         Self {
             gap: clock.span(CHARACTER.times(GAP_CHARACTERS)),
-            state: State::Idle,
+            state: State::Faulted(Fault::Restarted),
             part: [0; N],
             length: 0,
             heard_at: Instant::START,
@@ -169,7 +169,7 @@ impl<const N: usize> Link<N> {
 
     /// The firmware starts anew. A character on the line goes on.
     pub(crate) fn reset(&mut self) {
-        self.state = State::Idle;
+        self.state = State::Faulted(Fault::Restarted);
         self.length = 0;
         self.out_of_step = false;
         self.transmitter.clear();
@@ -257,8 +257,14 @@ mod tests {
     }
 
     impl<const N: usize> Heard<N> {
+        /// A slave that has executed something.
         fn new() -> Self {
-            Self { link: Link::new(Clock::TRUE), taken: Vec::new() }
+            let mut link = Link::new(Clock::TRUE);
+            link.start();
+            link.finish();
+            link.transmitter.clear();
+            link.events.clear();
+            Self { link, taken: Vec::new() }
         }
 
         fn byte(&mut self, us: u64, byte: u8) {
@@ -346,6 +352,16 @@ mod tests {
         heard.byte(1_042, ENQ);
         heard.silence(20_000);
         assert_eq!((heard.sent(), heard.told()), (vec![], vec![(Event::CutShort, 2)]));
+    }
+
+    #[test]
+    fn one_that_has_started_anew_says_so_when_asked() {
+        let mut heard = Heard::<1>::new();
+        heard.link.start();
+        heard.link.reset();
+        assert_eq!(heard.sent(), [], "unasked it says nothing");
+        heard.byte(0, ENQ);
+        assert_eq!(heard.sent(), [CAN, b'r']);
     }
 
     #[test]

@@ -44,6 +44,8 @@ pub enum Fault {
     /// Its part of a frame did not reach it whole, and nothing of it was executed. Told only when asked: what is heard
     /// while no part is on its way is noise, and the master asks only while it waits for one.
     Garbled,
+    /// It has started anew since, and what it was told before is lost. Told only when asked, too.
+    Restarted,
 }
 
 impl Slave {
@@ -74,7 +76,7 @@ impl Slave {
 }
 
 impl Fault {
-    const ALL: [Self; 4] = [Self::NoAnswer, Self::Stalled, Self::EndOfTravel, Self::Garbled];
+    const ALL: [Self; 5] = [Self::NoAnswer, Self::Stalled, Self::EndOfTravel, Self::Garbled, Self::Restarted];
 
     /// The letter on the wire.
     pub const fn letter(self) -> u8 {
@@ -83,6 +85,7 @@ impl Fault {
             Self::Stalled => b's',
             Self::EndOfTravel => b'e',
             Self::Garbled => b'g',
+            Self::Restarted => b'r',
         }
     }
 
@@ -99,6 +102,7 @@ impl fmt::Display for Fault {
             Self::Stalled => "stalled",
             Self::EndOfTravel => "end of travel",
             Self::Garbled => "garbled",
+            Self::Restarted => "restarted",
         })
     }
 }
