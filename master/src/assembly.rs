@@ -60,8 +60,7 @@ impl Assembly {
             return match character.ok() {
                 Some(byte) => self.collect(byte).map(Ok),
                 None => {
-                    self.bytes.clear();
-                    self.mode = Mode::Discarding(None);
+                    self.throw_away(now, None);
                     Some(Err(Refusal::LineError))
                 }
             };
@@ -134,8 +133,11 @@ impl Assembly {
     /// Throws away what has been received and whatever comes until the PC's line has been silent; if the PC is held, or
     /// is about to be, until it has been silent after `XON`.
     pub(crate) fn abandon(&mut self, now: Instant) {
+        self.throw_away(now, Some(Refusal::Faulted));
+    }
+
+    fn throw_away(&mut self, now: Instant, answer: Option<Refusal>) {
         self.bytes.clear();
-        let answer = Some(Refusal::Faulted);
         (self.mode, self.deadline) = if self.holding || self.stopped_at.is_some() {
             (Mode::Abandoned(answer), None)
         } else {

@@ -375,3 +375,29 @@ proptest! {
         prop_assert_eq!(parts, vec![FRAME[..1].to_vec(), FRAME[1..5].to_vec(), FRAME[5..].to_vec()]);
     }
 }
+
+/// What a held PC sends after `XON` goes on where it was stopped.
+#[test]
+fn line_error_while_the_pc_stops_does_not_put_the_rest_out_of_step() {
+    let mut bench = Bench::new();
+    bench.send(0, &FRAME);
+    bench.run(ms(10));
+    bench.send(0, &FRAME);
+    bench.run(ms(1));
+    // The PC, stopping, sends two more characters; noise spoils the second.
+    bench.send(0, &AT_REST[..1]);
+    bench.transmitters[0] = Transmitter::hardware(Rate::hz(4800), Clock::TRUE);
+    bench.send(0, &[0]);
+    bench.transmitters[0] = Transmitter::hardware(RATE, Clock::TRUE);
+    assert_eq!(bench.replies(), [ACK, XOFF, NAK, b'l']);
+    bench.run(ms(500));
+    bench.slaves_done();
+    bench.run(ms(20));
+    assert_eq!(bench.replies(), [XON, ACK]);
+    (1..=3).for_each(|port| drop(bench.received(port)));
+    bench.slaves_done();
+    assert_eq!(bench.replies(), [XON]);
+    // The other six bytes of the spoiled frame, and the frame after it: nothing of these is a frame.
+    bench.send(0, &[0, 0, 0, 0, 0, 0, 0, 10, 225, 0, 0, 0]);
+    assert_eq!((bench.received(1), bench.replies()), (vec![], vec![]));
+}
