@@ -248,7 +248,7 @@ impl Live {
     /// not send is this one's.
     fn begin(&mut self, at: Instant) -> Result<(), LiveError> {
         self.began = true;
-        if self.held {
+        if core::mem::take(&mut self.held) {
             let left = self.port.forget_leftover() + self.queued;
             if left > 0 {
                 tracing::warn!("{left} bytes that the program before could not send are dropped");

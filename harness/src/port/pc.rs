@@ -35,8 +35,10 @@ pub struct PcPort {
     pty: Pty,
     /// Whether the client that has the port open has written.
     began: bool,
-    /// What a client that has closed the port still had to say.
+    /// What clients that have closed the port still had to say.
     leftover: VecDeque<PortEvent>,
+    /// So much of it is older than the client that was last told to have begun.
+    older: usize,
 }
 
 impl PcPort {
@@ -54,7 +56,7 @@ impl PcPort {
         let pty = Pty::open(baud)?;
         let clients = Clients::watch(pty.path()).map_err(PortError::watch)?;
         let link = Link::make(link, pty.path())?;
-        Ok(PcPort { link, clients, pty, began: false, leftover: VecDeque::new() })
+        Ok(PcPort { link, clients, pty, began: false, leftover: VecDeque::new(), older: 0 })
     }
 
     /// The device that clients open, `/dev/pts/N`.
@@ -146,12 +148,13 @@ impl PcPort {
         Ok(match self.pty.look(wanted)? {
             Look::Data(data) => Some(PortEvent::Data(data)),
             Look::Flushed => {
-                self.forget_leftover();
+                self.leftover.clear();
                 Some(PortEvent::Flushed)
             }
             Look::FlowControl => Some(PortEvent::FlowControl),
             Look::Unwanted if !self.began => {
                 self.began = true;
+                self.older = self.leftover.len();
                 Some(PortEvent::Began)
             }
             Look::Unwanted | Look::Nothing => self.take_leftover(max),
@@ -159,10 +162,18 @@ impl PcPort {
     }
 
     fn take_leftover(&mut self, max: usize) -> Option<PortEvent> {
+        // That another client has begun is told even if nobody wants the bytes of the one before.
+        if let Some(began) = self.leftover.iter().position(|event| *event == PortEvent::Began) {
+            self.older = began;
+            return self.leftover.remove(began);
+        }
         match self.leftover.front_mut()? {
             PortEvent::Data(_) if max == 0 => None,
             PortEvent::Data(data) if data.len() > max => Some(PortEvent::Data(data.drain(..max).collect())),
-            _ => self.leftover.pop_front(),
+            _ => {
+                self.older = self.older.saturating_sub(1);
+                self.leftover.pop_front()
+            }
         }
     }
 
@@ -171,11 +182,12 @@ impl PcPort {
         self.leftover.iter().map(|event| if let PortEvent::Data(data) = event { data.len() } else { 0 }).sum()
     }
 
-    /// Forgets these. Says how many there were.
+    /// Forgets those that are older than the client that [has begun](PortEvent::Began). Says how many there were.
     pub fn forget_leftover(&mut self) -> usize {
         let left = self.leftover();
-        self.leftover.clear();
-        left
+        self.leftover.drain(..self.older.min(self.leftover.len()));
+        self.older = 0;
+        left - self.leftover()
     }
 
     /// The last client is gone: what it has left is set apart from what the next one will write.
@@ -184,7 +196,7 @@ impl PcPort {
             let event = match self.pty.look(usize::MAX)? {
                 Look::Data(data) => PortEvent::Data(data),
                 Look::Flushed => {
-                    self.forget_leftover();
+                    self.leftover.clear();
                     PortEvent::Flushed
                 }
                 Look::FlowControl => PortEvent::FlowControl,
