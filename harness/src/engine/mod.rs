@@ -15,6 +15,7 @@
 //! exclusive.
 
 mod node;
+mod wire;
 
 use torno_protocol::board::{Output, Stimulus};
 use torno_protocol::line::Edge;
@@ -23,9 +24,15 @@ use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::Ear;
 
 use node::{Life, Node};
+use wire::{Passed, Wire};
+
+pub use wire::{Disturbance, Tampering};
 
 /// Boards that are needed within this span of one another are woken together.
 const TOGETHER: Span = Span::from_micros(900);
+
+/// Whoever watches can act so long after what was seen. (Ours: shorter would cut time into more turns.)
+pub const REACTION: Span = Span::from_millis(1);
 
 /// A board's place in the rig.
 pub type NodeId = usize;
@@ -41,6 +48,61 @@ pub struct End {
     pub port: u8,
 }
 
+/// A fault on a line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct FaultId(u32);
+
+/// A watch.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct WatchId(u32);
+
+/// What to look out for among what a board tells.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Watch {
+    /// The board.
+    pub node: NodeId,
+    /// What it tells.
+    pub what: Sight,
+}
+
+/// What can be looked out for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sight {
+    /// An event, whatever its value.
+    Event(u8),
+    /// A quantity that reaches a value from `least` to `most`, or changes within them.
+    Telemetry {
+        /// The quantity's number.
+        signal: u8,
+        /// The least value that counts.
+        least: i64,
+        /// The greatest.
+        most: i64,
+    },
+}
+
+impl Watch {
+    /// Whether this is what is looked out for.
+    pub(crate) fn sees(&self, output: &Output) -> bool {
+        match (self.what, output) {
+            (Sight::Event(event), Output::Event { event: told, .. }) => event == *told,
+            (Sight::Telemetry { signal, least, most }, Output::Telemetry { signal: told, value }) => {
+                signal == *told && (least..=most).contains(value)
+            }
+            _ => false,
+        }
+    }
+}
+
+/// Something that a watch has seen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Hit {
+    /// Which.
+    pub watch: WatchId,
+    /// When.
+    pub at: Instant,
+}
+
 /// Something that has happened and will stay so.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Fact {
@@ -50,13 +112,6 @@ pub enum Fact {
         line: LineId,
         /// Its edges, in order.
         edges: Vec<Edge>,
-    },
-    /// A line has gone idle; its edges from then on are withdrawn.
-    Cut {
-        /// The line.
-        line: LineId,
-        /// When.
-        at: Instant,
     },
     /// A quantity of a board has changed.
     Telemetry {
@@ -117,18 +172,15 @@ pub struct Statistics {
     pub turns: u64,
 }
 
-#[derive(Debug)]
-struct Line {
-    to: End,
-    /// From this instant on nothing gets through.
-    cut: Instant,
-}
-
 /// The time engine of one rig.
 #[derive(Debug, Default)]
 pub struct Engine {
     nodes: Vec<Node>,
-    lines: Vec<Line>,
+    lines: Vec<Wire>,
+    watches: Vec<(WatchId, Watch)>,
+    hits: Vec<Hit>,
+    /// Faults and watches so far.
+    issued: u32,
     facts: Vec<Fact>,
     statistics: Statistics,
 }
@@ -148,20 +200,74 @@ impl Engine {
     /// Adds a line from one board's port to another's. A port sends to one line at the most.
     pub fn add_line(&mut self, from: End, to: End) -> LineId {
         let line = self.lines.len();
-        self.lines.push(Line { to, cut: Instant::NEVER });
+        self.lines.push(Wire::new(from, to));
         self.nodes[from.node].sends_to[usize::from(from.port)] = Some(line);
-        self.nodes[to.node].hears.push((usize::from(to.port), from));
+        self.nodes[to.node].hears.push((usize::from(to.port), line));
         line
     }
 
-    /// Cuts a line: from `at` on nothing gets through, and its receiver reads idle. Takes effect at the
-    /// [frontier](Self::frontier) at the earliest.
-    pub fn cut_line(&mut self, line: LineId, at: Instant) {
+    /// Begins a fault on a line, at `at` or the [frontier](Self::frontier), whichever is later. It lasts until it is
+    /// [healed](Self::heal). Says when it begins.
+    pub fn disturb(&mut self, line: LineId, at: Instant, what: &Disturbance) -> (FaultId, Instant) {
         let at = at.max(self.frontier());
-        self.lines[line].cut = at;
-        let to = self.lines[line].to;
-        self.hear(to.node, Heard::Cut { port: to.port, at });
-        self.facts.push(Fact::Cut { line, at });
+        let fault = FaultId(self.issue());
+        self.disturb_one(line, fault, at, what);
+        if let Disturbance::Short(other) = *what {
+            self.disturb_one(other, fault, at, &Disturbance::Short(line));
+        }
+        (fault, at)
+    }
+
+    fn disturb_one(&mut self, line: LineId, fault: FaultId, at: Instant, what: &Disturbance) {
+        if let Some(passed) = self.lines[line].disturb(fault, at, what) {
+            self.tell(line, passed);
+        }
+    }
+
+    /// Ends a fault on a line, at `at` or the [frontier](Self::frontier), whichever is later. Says when.
+    pub fn heal(&mut self, fault: FaultId, at: Instant) -> Instant {
+        let at = at.max(self.frontier());
+        self.lines.iter_mut().for_each(|line| line.heal(fault, at));
+        at
+    }
+
+    /// Faults that lay in wait for a character and have met it, since the last call.
+    pub fn take_fired(&mut self) -> Vec<FaultId> {
+        self.lines.iter_mut().flat_map(Wire::take_fired).collect()
+    }
+
+    /// Watches what a board tells. Until the watch is [removed](Self::unwatch), nothing is settled that lies
+    /// [`REACTION`] or more after a hit that has not been [taken](Self::take_hits): whoever watches can act then.
+    pub fn watch(&mut self, watch: Watch) -> WatchId {
+        let id = WatchId(self.issue());
+        self.watches.push((id, watch));
+        self.note_watches();
+        id
+    }
+
+    /// Ends a watch.
+    pub fn unwatch(&mut self, id: WatchId) {
+        self.watches.retain(|(other, _)| *other != id);
+        self.hits.retain(|hit| hit.watch != id);
+        self.note_watches();
+    }
+
+    fn note_watches(&mut self) {
+        for (id, node) in self.nodes.iter_mut().enumerate() {
+            node.watched = self.watches.iter().any(|(_, watch)| watch.node == id);
+        }
+    }
+
+    /// What watches have seen since the last call, in the order of its instants.
+    pub fn take_hits(&mut self) -> Vec<Hit> {
+        let mut hits = core::mem::take(&mut self.hits);
+        hits.sort_by_key(|hit| (hit.at, hit.watch));
+        hits
+    }
+
+    fn issue(&mut self) -> u32 {
+        self.issued += 1;
+        self.issued
     }
 
     /// Gives a board a stimulus, at `at` or the [frontier](Self::frontier), whichever is later; says when.
@@ -173,7 +279,8 @@ impl Engine {
 
     /// The least instant that nothing settled depends on: what comes from outside can be dated from here on.
     pub fn frontier(&self) -> Instant {
-        self.nodes.iter().map(|node| node.commit).max().unwrap_or_default()
+        let commits = self.nodes.iter().map(|node| node.commit);
+        commits.chain(self.lines.iter().map(Wire::told_at)).max().unwrap_or_default()
     }
 
     /// What has been settled since the last call, each line's and each board's facts in order.
@@ -192,7 +299,7 @@ impl Engine {
         let until = loop {
             self.bound();
             let until = self.held_at(limit);
-            let mut moved = false;
+            let mut moved = self.pass(until);
             for id in 0..self.nodes.len() {
                 moved |= self.settle(id, self.nodes[id].safe_until().min(until));
             }
@@ -200,6 +307,7 @@ impl Engine {
                 break until;
             }
         };
+        self.report(until);
         self.wake(until)
     }
 
@@ -242,7 +350,13 @@ impl Engine {
 
     /// Whether nothing will ever happen on any line again unless something comes from outside.
     pub fn is_quiet(&self) -> bool {
-        self.nodes.iter().all(Node::is_quiet)
+        self.nodes.iter().all(Node::is_quiet) && self.next_change().is_never()
+    }
+
+    /// The first change on a line that comes from a fault.
+    fn next_change(&self) -> Instant {
+        let changes = self.lines.iter().map(|line| line.next_change(|other, at| self.lines[other].driven(at)));
+        changes.min().unwrap_or(Instant::NEVER)
     }
 
     /// When the rig fell [quiet](Self::is_quiet): the last instant at which a board became mute.
@@ -263,7 +377,8 @@ impl Engine {
         first.filter(|(id, silence)| {
             // What is about to come over a line is no silence.
             let ears = self.nodes[*id].hears.iter();
-            let spoken = ears.filter_map(|(port, from)| {
+            let spoken = ears.filter_map(|(port, line)| {
+                let from = self.lines[*line].from;
                 let edge = self.nodes[from.node].told_edge(usize::from(from.port))?;
                 self.nodes[*id].ears.get(*port).map(|ear| ear.effect(edge))
             });
@@ -282,7 +397,7 @@ impl Engine {
     /// to be told, or a silence to have lasted.
     pub fn next_instant(&self) -> Instant {
         let running = self.nodes.iter().filter(|node| node.life == Life::Runs && !node.awaited);
-        let next = running.map(|node| node.next_instant()).min().unwrap_or(Instant::NEVER);
+        let next = running.map(|node| node.next_instant()).min().unwrap_or(Instant::NEVER).min(self.next_change());
         self.silence().map_or(next, |silence| silence.deadline.min(next))
     }
 
@@ -332,12 +447,13 @@ impl Engine {
         let mut changed = true;
         while changed {
             changed = false;
+            let reaction = self.reaction();
             for id in 0..self.nodes.len() {
-                let eit = self.nodes[id].hears.iter().map(|(port, from)| {
-                    let edge = self.nodes[from.node].earliest_edge(usize::from(from.port));
+                let eit = self.nodes[id].hears.iter().map(|(port, line)| {
+                    let edge = self.earliest_edge(*line);
                     self.nodes[id].ears.get(*port).map_or(edge, |ear: &Ear| ear.effect(edge))
                 });
-                let eit = eit.min().unwrap_or(Instant::NEVER);
+                let eit = eit.min().unwrap_or(Instant::NEVER).min(reaction);
                 if eit < self.nodes[id].eit {
                     self.nodes[id].eit = eit;
                     changed = true;
@@ -346,51 +462,122 @@ impl Engine {
         }
     }
 
-    /// Settles what a board has told before `until`. Says whether its earliest edges can be later than before: something
-    /// went out on a line, or can no longer be cut short.
+    /// The earliest instant at which a line's receiver can see a change that it has not been told of.
+    fn earliest_edge(&self, line: LineId) -> Instant {
+        let wire = &self.lines[line];
+        if wire.is_disturbed() {
+            self.sure_until(line).min(wire.next_change(|other, at| self.lines[other].driven(at)))
+        } else {
+            self.nodes[wire.from.node].earliest_edge(usize::from(wire.from.port))
+        }
+    }
+
+    /// Before this instant nothing can change what is known of a disturbed line.
+    fn sure_until(&self, line: LineId) -> Instant {
+        let wire = &self.lines[line];
+        let drivers = wire.contacts().chain([line]).map(|line| self.lines[line].from);
+        let driven = drivers.map(|end| self.nodes[end.node].earliest_edge(usize::from(end.port)));
+        let noise = wire.noise_until(self.nodes[wire.to.node].commit);
+        driven.min().unwrap_or(Instant::NEVER).min(noise).min(self.reaction())
+    }
+
+    /// The earliest instant at which whoever watches can act.
+    fn reaction(&self) -> Instant {
+        let hits = self.hits.iter().map(|hit| hit.at);
+        let watched = self.watches.iter().map(|(_, watch)| self.nodes[watch.node].earliest_hit(watch));
+        hits.chain(watched).min().map_or(Instant::NEVER, |at| at + REACTION)
+    }
+
+    /// Hands on what is sure on disturbed lines. Says whether there was any.
+    fn pass(&mut self, until: Instant) -> bool {
+        let mut moved = false;
+        for line in 0..self.lines.len() {
+            if !self.lines[line].is_disturbed() {
+                continue;
+            }
+            let sure = self.sure_until(line).min(until);
+            let (before, rest) = self.lines.split_at_mut(line);
+            let Some((wire, after)) = rest.split_first_mut() else { break };
+            let passed = wire.pass(sure, |other, at| match other.checked_sub(line + 1) {
+                Some(other) => after[other].driven(at),
+                None => before[other].driven(at),
+            });
+            if let Some(edges) = passed {
+                moved = true;
+                self.tell(line, Passed::Edges(edges));
+            }
+        }
+        moved
+    }
+
+    /// Tells a line's receiver.
+    fn tell(&mut self, line: LineId, passed: Passed) {
+        let End { node, port } = self.lines[line].to;
+        match passed {
+            Passed::Edges(edges) if edges.is_empty() => {}
+            Passed::Edges(edges) => self.hear(node, Heard::Edges { port, edges }),
+            Passed::Cut(at) => self.hear(node, Heard::Cut { port, at }),
+        }
+    }
+
+    /// Makes facts of what can no longer be withdrawn from the lines.
+    fn report(&mut self, until: Instant) {
+        let until = until.min(self.reaction());
+        for (line, wire) in self.lines.iter_mut().enumerate() {
+            let sure = self.nodes[wire.from.node].uncut_until().min(until);
+            let edges = wire.take_sure(sure);
+            if !edges.is_empty() {
+                self.facts.push(Fact::Edges { line, edges });
+            }
+        }
+    }
+
+    /// Settles what a board has told before `until`. Says whether its earliest edges can be later than before:
+    /// something went out on a line, or can no longer be cut short.
     fn settle(&mut self, id: NodeId, until: Instant) -> bool {
         let mut sent = false;
+        let mut last = None;
         while self.nodes[id].ahead.front().is_some_and(|told| told.at < until) {
             let Some(Timed { at, output }) = self.nodes[id].ahead.pop_front() else { break };
+            last = Some(at);
             match output {
                 Output::Character { port, edges, end } => {
                     sent = true;
                     self.nodes[id].line_busy_until[usize::from(port)] = end;
-                    self.carry(id, port, edges);
+                    if let Some(line) = self.nodes[id].sends_to[usize::from(port)]
+                        && let Some(edges) = self.lines[line].carry(at, edges, end)
+                    {
+                        self.tell(line, Passed::Edges(edges));
+                    }
                 }
                 Output::Cut { port } => {
                     sent = true;
                     self.nodes[id].line_busy_until[usize::from(port)] = at;
-                    self.carry_cut(id, port, at);
+                    if let Some(line) = self.nodes[id].sends_to[usize::from(port)]
+                        && let Some(passed) = self.lines[line].withdraw(at)
+                    {
+                        self.tell(line, passed);
+                    }
                 }
-                Output::Telemetry { signal, value } => self.facts.push(Fact::Telemetry { node: id, at, signal, value }),
-                Output::Event { event, value } => self.facts.push(Fact::Event { node: id, at, event, value }),
+                Output::Telemetry { signal, value } => {
+                    self.look(id, at, &Output::Telemetry { signal, value });
+                    self.facts.push(Fact::Telemetry { node: id, at, signal, value });
+                }
+                Output::Event { event, value } => {
+                    self.look(id, at, &Output::Event { event, value });
+                    self.facts.push(Fact::Event { node: id, at, event, value });
+                }
             }
         }
-        sent | self.nodes[id].commit_to(until)
+        sent | self.nodes[id].commit_to(until, last)
     }
 
-    fn carry(&mut self, from: NodeId, port: u8, mut edges: Vec<Edge>) {
-        let Some(line) = self.nodes[from].sends_to[usize::from(port)] else { return };
-        let Line { to, cut } = self.lines[line];
-        edges.retain(|edge| edge.at < cut);
-        if edges.is_empty() {
-            return;
-        }
-        self.facts.push(Fact::Edges { line, edges: edges.clone() });
-        self.hear(to.node, Heard::Edges { port: to.port, edges });
-        if !cut.is_never() {
-            // The edges after the cut are missing: the line would stay where it was, had it not gone idle.
-            self.hear(to.node, Heard::Cut { port: to.port, at: cut });
-        }
-    }
-
-    fn carry_cut(&mut self, from: NodeId, port: u8, at: Instant) {
-        let Some(line) = self.nodes[from].sends_to[usize::from(port)] else { return };
-        let Line { to, cut } = self.lines[line];
-        if at < cut {
-            self.facts.push(Fact::Cut { line, at });
-            self.hear(to.node, Heard::Cut { port: to.port, at });
+    /// Notes what watches see.
+    fn look(&mut self, node: NodeId, at: Instant, output: &Output) {
+        for (watch, what) in &self.watches {
+            if what.node == node && what.sees(output) {
+                self.hits.push(Hit { watch: *watch, at });
+            }
         }
     }
 

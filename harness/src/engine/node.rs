@@ -4,11 +4,13 @@ use std::collections::VecDeque;
 
 use torno_protocol::board::{Output, Stimulus};
 use torno_protocol::record::{Batch, Heard, Silence, Timed, Turn};
-use torno_protocol::time::Instant;
+use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::Ear;
 
-use super::{End, LineId};
+use super::{LineId, Watch};
 
+/// A mute board that is watched runs so far at a time.
+const WATCH_AHEAD: Span = Span::from_secs(1);
 /// So much is kept of what a stopped board hears on a port: at the beginning, and again at the end.
 const KEPT: usize = 32;
 
@@ -24,8 +26,8 @@ pub(super) enum Life {
 pub(super) struct Node {
     pub(super) life: Life,
     pub(super) sends_to: Vec<Option<LineId>>,
-    /// Which port hears which board's port.
-    pub(super) hears: Vec<(usize, End)>,
+    /// Which port hears which line.
+    pub(super) hears: Vec<(usize, LineId)>,
     /// Everything before this instant is settled.
     pub(super) commit: Instant,
     /// What it has told beyond that, in order.
@@ -48,6 +50,8 @@ pub(super) struct Node {
     pub(super) awaited: bool,
     /// The first instant at which something unheard can matter to it.
     pub(super) eit: Instant,
+    /// What it tells matters to somebody else: it must run even if it is mute.
+    pub(super) watched: bool,
 }
 
 impl Node {
@@ -68,12 +72,19 @@ impl Node {
             resets: Vec::new(),
             awaited: false,
             eit: Instant::NEVER,
+            watched: false,
         }
     }
 
     /// The end of what is known of the board if nothing reaches it.
     pub(super) fn told_until(&self) -> Instant {
-        if self.mute_since.is_some() { Instant::NEVER } else { self.horizon }
+        if self.mute_since.is_some() && !self.watched { Instant::NEVER } else { self.horizon }
+    }
+
+    /// Nothing leaves the board before this instant that it has not told.
+    fn promised_until(&self) -> Instant {
+        let own = if self.mute_since.is_some() { Instant::NEVER } else { self.horizon };
+        own.min(self.eit).min(self.effect)
     }
 
     /// Up to here nothing can change what the board has told.
@@ -87,7 +98,7 @@ impl Node {
             return Instant::NEVER;
         }
         let mut character = Instant::NEVER;
-        let mut cut = self.resets.iter().min().copied().unwrap_or(Instant::NEVER);
+        let mut cut = self.uncut_until();
         for Timed { at, output } in &self.ahead {
             match output {
                 Output::Character { port: p, edges, .. } if usize::from(*p) == port => {
@@ -103,7 +114,7 @@ impl Node {
         }
         // A new character waits for the end of the one on the line; a cut does not.
         let free = self.line_busy_until.get(port).copied().unwrap_or_default();
-        character.min(self.safe_until()).max(free).min(cut)
+        character.min(self.promised_until()).max(free).min(cut)
     }
 
     /// The first edge that the board is certain to send on a port if nothing more reaches it.
@@ -114,9 +125,30 @@ impl Node {
         })
     }
 
-    /// Everything before `until` is settled. Says whether a reset is.
-    pub(super) fn commit_to(&mut self, until: Instant) -> bool {
-        if until <= self.commit || until.is_never() {
+    /// Before this instant nothing that is on its lines can be cut short.
+    pub(super) fn uncut_until(&self) -> Instant {
+        self.resets.iter().min().copied().unwrap_or(Instant::NEVER)
+    }
+
+    /// The earliest instant at which the board can tell what `watch` looks out for.
+    pub(super) fn earliest_hit(&self, watch: &Watch) -> Instant {
+        if self.life != Life::Runs {
+            return Instant::NEVER;
+        }
+        let told = self.ahead.iter().find(|told| watch.sees(&told.output));
+        told.map_or(Instant::NEVER, |told| told.at).min(self.safe_until())
+    }
+
+    /// Everything before `until` is settled, what the board did last at `last`. Says whether a reset is settled.
+    pub(super) fn commit_to(&mut self, until: Instant, last: Option<Instant>) -> bool {
+        let until = if until.is_never() {
+            // Nothing more is to come. Time has still gone past what has been done, and past the silences that have
+            // lasted: what comes from outside follows on these.
+            last.max(self.silences.last().map(|silence| silence.deadline)).map_or(self.commit, Instant::next)
+        } else {
+            until
+        };
+        if until <= self.commit {
             return false;
         }
         self.commit = until;
@@ -202,7 +234,12 @@ impl Node {
 
     /// A board that is woken without hearing anything must run past its horizon.
     fn extension(&self) -> Instant {
-        if self.heard.is_empty() && self.mute_since.is_none() { self.horizon.next() } else { Instant::START }
+        match self.mute_since {
+            _ if !self.heard.is_empty() => Instant::START,
+            None => self.horizon.next(),
+            Some(_) if self.watched && !self.horizon.is_never() => self.horizon + WATCH_AHEAD,
+            Some(_) => Instant::START,
+        }
     }
 
     pub(super) fn answer(&mut self, batch: Batch) {

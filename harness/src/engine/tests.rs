@@ -5,6 +5,7 @@ use std::collections::VecDeque;
 use proptest::prelude::*;
 use torno_protocol::board::{Board, Deadline, Description, Input};
 use torno_protocol::clock::{Clock, Rate};
+use torno_protocol::line::Level;
 use torno_protocol::stepping::{Cell, Stepper};
 use torno_protocol::uart::{Receiver, TickTimer, Transmitter};
 
@@ -117,6 +118,19 @@ impl Board for Chatterbox {
 struct Ring {
     boards: Vec<Chatterbox>,
     stimuli: Vec<(NodeId, Instant, Stimulus)>,
+    faults: Vec<Fault>,
+    /// A board that hears something on its second port makes another one speak.
+    reacts: Option<(NodeId, NodeId)>,
+}
+
+/// A fault on a line, and when it is asked for: ahead of time or, at the latest, when it begins.
+#[derive(Clone, Debug)]
+struct Fault {
+    line: LineId,
+    asked: Instant,
+    from: Instant,
+    until: Option<Instant>,
+    what: Disturbance,
 }
 
 impl Ring {
@@ -152,14 +166,14 @@ impl Ring {
                         let line = line(port).unwrap();
                         let to = ends[line].1;
                         cells[to.node].hear(&Heard::Cut { port: to.port, at });
-                        facts.push(Fact::Cut { line, at });
+                        withdraw(&mut facts, line, at);
                     }
                     Output::Telemetry { signal, value } => facts.push(Fact::Telemetry { node, at, signal, value }),
                     Output::Event { event, value } => facts.push(Fact::Event { node, at, event, value }),
                 }
             }
         }
-        streams(facts)
+        streams(facts, until)
     }
 
     /// The same through the engine, with time cut at `cuts` on the way.
@@ -181,34 +195,73 @@ impl Ring {
         for (node, at, stimulus) in &self.stimuli {
             assert_eq!(engine.stimulate(*node, *at, stimulus.clone()), *at);
         }
-        for limit in cuts.iter().chain([&until]) {
+        if let Some((node, _)) = self.reacts {
+            engine.watch(Watch { node, what: Sight::Event(1) });
+        }
+        let mut faults = self.faults.clone();
+        faults.sort_by_key(|fault| fault.asked);
+        let mut faults = VecDeque::from(faults);
+        let asked = faults.iter().map(|fault| fault.asked);
+        let mut limits: Vec<Instant> = cuts.iter().copied().chain([until]).chain(asked).collect();
+        limits.sort();
+        for limit in limits {
             let mut rounds = 0;
             loop {
-                let turns = engine.poll(Limit::until(*limit));
-                if turns.is_empty() {
+                let turns = engine.poll(Limit::until(limit));
+                let hits = engine.take_hits();
+                if turns.is_empty() && hits.is_empty() {
                     break;
                 }
                 give(&mut engine, turns);
+                for hit in hits {
+                    let at = hit.at + REACTION;
+                    let write = Stimulus::Write(vec![at.as_nanos() as u8]);
+                    assert_eq!(engine.stimulate(self.reacts.unwrap().1, at, write), at);
+                }
                 rounds += 1;
                 assert!(rounds < 100_000, "no progress");
+            }
+            while let Some(fault) = faults.pop_front_if(|fault| fault.asked == limit) {
+                let (id, at) = engine.disturb(fault.line, fault.from, &fault.what);
+                assert_eq!(at, fault.from);
+                fault.until.map(|until| engine.heal(id, until));
             }
         }
         let last = engine.catch_up(until);
         give(&mut engine, last);
         engine.poll(Limit::until(until));
-        streams(engine.take_facts())
+        streams(engine.take_facts(), until)
     }
 }
 
-/// The facts of each board and each line: only their order is determined.
-fn streams(facts: Vec<Fact>) -> Vec<Vec<Fact>> {
+/// The line goes idle at `at`: its edges from then on do not come.
+fn withdraw(facts: &mut Vec<Fact>, line: LineId, at: Instant) {
+    let mut level = Level::High;
+    for fact in facts.iter_mut() {
+        if let Fact::Edges { line: other, edges } = fact
+            && *other == line
+        {
+            edges.retain(|edge| edge.at < at);
+            level = edges.last().map_or(level, |edge| edge.level);
+        }
+    }
+    if level == Level::Low {
+        facts.push(Fact::Edges { line, edges: vec![Edge { at, level: Level::High }] });
+    }
+}
+
+/// The facts of each board and the edges of each line before `until`: only their order is determined.
+fn streams(facts: Vec<Fact>, until: Instant) -> Vec<Vec<Fact>> {
     let mut streams = vec![Vec::new(); 40];
     for fact in facts {
-        let stream = match &fact {
-            Fact::Edges { line, .. } | Fact::Cut { line, .. } => 20 + line,
-            Fact::Telemetry { node, .. } | Fact::Event { node, .. } => *node,
-        };
-        streams[stream].push(fact);
+        match fact {
+            Fact::Edges { line, edges } => {
+                let edges = edges.into_iter().filter(|edge| edge.at < until);
+                let single = edges.map(|edge| Fact::Edges { line, edges: vec![edge] });
+                streams[20 + line].extend(single);
+            }
+            Fact::Telemetry { node, .. } | Fact::Event { node, .. } => streams[node].push(fact),
+        }
     }
     streams
 }
@@ -233,11 +286,63 @@ fn rings() -> impl Strategy<Value = Ring> {
         1 => Just(Stimulus::Reset),
     ];
     let stimuli = prop::collection::vec((0..2usize, instants(1..3_000), stimulus), 0..6);
-    (boards, stimuli).prop_map(|(boards, stimuli)| Ring { boards, stimuli })
+    (boards, stimuli).prop_map(|(boards, stimuli)| Ring { boards, stimuli, faults: vec![], reacts: None })
+}
+
+fn disturbances() -> impl Strategy<Value = Disturbance> {
+    let tampering = prop_oneof![
+        (0..10u8).prop_map(Tampering::Flip),
+        (0..10u8, 1..200_000u64).prop_map(|(edge, by)| Tampering::Delay { edge, by: Span::from_nanos(by) }),
+        Just(Tampering::Drop),
+        Just(Tampering::Double),
+    ];
+    prop_oneof![
+        Just(Disturbance::Cut),
+        Just(Disturbance::Stuck(Level::Low)),
+        Just(Disturbance::Stuck(Level::High)),
+        (0..4usize).prop_map(Disturbance::Short),
+        (100..200_000u64, 1..300u64, any::<u64>()).prop_map(|(period, width, seed)| Disturbance::Noise {
+            period: Span::from_micros(period),
+            width: Span::from_micros(width),
+            seed
+        }),
+        (1..5u64, tampering).prop_map(|(nth, what)| Disturbance::Character { nth, what }),
+    ]
+}
+
+fn faults() -> impl Strategy<Value = Vec<Fault>> {
+    let until = prop::option::of((0..1_000_000_000u64).prop_map(Span::from_nanos));
+    let fault = (0..4usize, instants(0..3_000), instants(0..3_000), until, disturbances()).prop_filter_map(
+        "a wire cannot touch itself",
+        |(line, a, b, until, what)| {
+            let (asked, from) = (a.min(b), a.max(b));
+            let until = until.map(|span| from + span);
+            (what != Disturbance::Short(line)).then_some(Fault { line, asked, from, until, what })
+        },
+    );
+    prop::collection::vec(fault, 0..4)
 }
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(150))]
+
+    #[test]
+    fn however_time_is_cut_faults_and_reactions_are_the_same(
+        ring in rings(),
+        faults in faults(),
+        reacts in prop::option::of((0..2usize, 0..2usize)),
+        mut cuts in prop::collection::vec(instants(0..3_500), 0..30),
+    ) {
+        cuts.sort();
+        let until = Instant::START + Span::from_millis(3_500);
+        // Asked for when they begin, and all ahead of time: it is the same.
+        let late = Ring { faults, reacts, ..ring };
+        let mut early = late.clone();
+        early.faults.iter_mut().for_each(|fault| fault.asked = Instant::START);
+        let expected = late.run(&[], until);
+        prop_assert_eq!(&late.run(&cuts, until), &expected);
+        prop_assert_eq!(&early.run(&[], until), &expected);
+    }
 
     #[test]
     fn however_time_is_cut_everything_happens_as_one_event_at_a_time(
@@ -378,14 +483,19 @@ fn a_stopped_board_goes_on_as_a_hung_one_however_much_it_has_missed() {
 #[test]
 fn a_cut_line_carries_nothing_more() {
     let chatterbox = |period| Chatterbox::new(0, false, Span::ZERO, period);
-    let ring = Ring { boards: vec![chatterbox(Some(Span::from_millis(20))), chatterbox(None)], stimuli: vec![] };
+    let ring = Ring {
+        boards: vec![chatterbox(Some(Span::from_millis(20))), chatterbox(None)],
+        stimuli: vec![],
+        faults: vec![],
+        reacts: None,
+    };
     let mut engine = Engine::new();
     (0..2).for_each(|_| _ = engine.add_node(2));
     let lines: Vec<LineId> = ring.ends().into_iter().map(|(from, to)| engine.add_line(from, to)).collect();
     let mut steppers: Vec<_> = ring.boards.iter().cloned().map(Stepper::new).collect();
     // In mid-character: the second starts at 40 ms.
     let cut = Instant::START + Span::from_micros(40_300);
-    lines.iter().for_each(|line| engine.cut_line(*line, cut));
+    lines.iter().for_each(|line| _ = engine.disturb(*line, cut, &Disturbance::Cut));
     let mut turns = engine.catch_up(Instant::START.next());
     while !turns.is_empty() {
         for (node, turn) in turns {
@@ -396,6 +506,6 @@ fn a_cut_line_carries_nothing_more() {
     let facts = engine.take_facts();
     let heard = facts.iter().filter(|fact| matches!(fact, Fact::Event { .. })).count();
     assert_eq!(heard, 3, "the first, its answer, and what is left of the second");
-    let late = |fact: &Fact| matches!(fact, Fact::Edges { edges, .. } if edges.iter().any(|edge| edge.at >= cut));
+    let late = |fact: &Fact| matches!(fact, Fact::Edges { edges, .. } if edges.iter().any(|edge| edge.at > cut));
     assert!(!facts.iter().any(late));
 }

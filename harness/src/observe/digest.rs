@@ -47,7 +47,6 @@ impl Digest {
             Fact::Edges { line, edges } => edges.iter().for_each(|edge| {
                 self.lines[*line].add(edge.at, if edge.level == Level::High { 1 } else { 0 }, 0, 0);
             }),
-            Fact::Cut { line, at } => self.lines[*line].add(*at, 2, 0, 0),
             Fact::Telemetry { node, at, signal, value } => self.nodes[*node].add(*at, 3, *signal, *value),
             Fact::Event { node, at, event, value } => self.nodes[*node].add(*at, 4, *event, *value),
         }

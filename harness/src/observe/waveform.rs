@@ -25,13 +25,6 @@ impl Waveforms {
     pub fn add(&mut self, fact: &Fact) {
         match fact {
             Fact::Edges { line, edges } => self.lines[*line].1.extend(edges),
-            Fact::Cut { line, at } => {
-                let edges = &mut self.lines[*line].1;
-                edges.retain(|edge| edge.at < *at);
-                if edges.last().is_some_and(|edge| edge.level == Level::Low) {
-                    edges.push(Edge { at: *at, level: Level::High });
-                }
-            }
             Fact::Telemetry { .. } | Fact::Event { .. } => {}
         }
     }

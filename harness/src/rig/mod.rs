@@ -17,7 +17,7 @@ use torno_protocol::record::{FromBoard, Setup, ToBoard, Turn, VERSION};
 use torno_protocol::stepping::{BrokenPromise, Stepper};
 use torno_protocol::time::Instant;
 
-use crate::engine::{End, Engine, Fact, LateOutput, Limit, LineId, NodeId};
+use crate::engine::{Disturbance, End, Engine, Fact, LateOutput, Limit, LineId, NodeId};
 use crate::pc::{PcProgram, PcUart};
 use file::RigFile;
 use kinds::Steps;
@@ -270,7 +270,7 @@ impl Rig {
 
     /// Cuts a line at `at`, or as soon after it as nothing settled is touched.
     pub fn cut_line(&mut self, line: LineId, at: Instant) {
-        self.engine.cut_line(line, at);
+        self.engine.disturb(line, at, &Disturbance::Cut);
     }
 
     /// Lets everything happen that can happen before `limit`.

@@ -1,0 +1,433 @@
+//! A wire: what its sender drives, what is done to it on the way, and what its receiver sees.
+//!
+//! A sound wire hands each character on as it is committed. A disturbed one hands on what is sure: what its sender, a
+//! fault or the wire it is shorted to can no longer change.
+
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+use torno_protocol::line::{Edge, Level, Waveform};
+use torno_protocol::time::{Instant, Span};
+
+use super::{End, FaultId, LineId};
+
+/// Noise is made this far ahead at the most.
+const NOISE_AHEAD: Span = Span::from_millis(10);
+
+/// What can be done to a wire.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Disturbance {
+    /// It is cut: the receiver's pull-up keeps its end idle.
+    Cut,
+    /// It is connected to a rail.
+    Stuck(Level),
+    /// It touches another wire: both are low if either is driven low.
+    Short(LineId),
+    /// Pulses that invert it come at random.
+    Noise {
+        /// The mean time from one pulse to the next.
+        period: Span,
+        /// The longest pulse; the shortest is next to nothing.
+        width: Span,
+        /// What the pulses are drawn from.
+        seed: u64,
+    },
+    /// Something happens to one character: the `nth` from when the fault begins, from 1.
+    Character {
+        /// Which.
+        nth: u64,
+        /// What.
+        what: Tampering,
+    },
+}
+
+/// What can happen to one character on its way.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Tampering {
+    /// A bit is inverted: 0 is the start bit, 1 to 8 the data bits, least significant first, 9 the stop bit.
+    Flip(u8),
+    /// An edge comes late. 0 is the first edge of the character; beyond its last, the last.
+    Delay {
+        /// Which edge.
+        edge: u8,
+        /// How much later.
+        by: Span,
+    },
+    /// It does not get through.
+    Drop,
+    /// It is followed by its own echo.
+    Double,
+}
+
+/// While it lasts, a level is changed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Force {
+    fault: FaultId,
+    from: Instant,
+    until: Instant,
+    how: How,
+}
+
+/// In the order in which they apply.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum How {
+    Invert,
+    Low,
+    High,
+}
+
+#[derive(Clone, Debug)]
+struct Noise {
+    fault: FaultId,
+    until: Instant,
+    random: ChaCha8Rng,
+    period: Span,
+    width: Span,
+    /// The start of the next pulse.
+    next: Instant,
+}
+
+#[derive(Clone, Debug)]
+struct Trap {
+    fault: FaultId,
+    from: Instant,
+    until: Instant,
+    /// Characters still to come, this one included.
+    left: u64,
+    what: Tampering,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Contact {
+    fault: FaultId,
+    other: LineId,
+    from: Instant,
+    until: Instant,
+}
+
+/// What the receiver is to be told of.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Passed {
+    /// These edges.
+    Edges(Vec<Edge>),
+    /// The line goes idle; edges from then on that it was told of will not come.
+    Cut(Instant),
+}
+
+/// What a sender drives.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Driven {
+    level: Level,
+    next: Instant,
+}
+
+/// One wire.
+#[derive(Debug)]
+pub(super) struct Wire {
+    pub(super) from: End,
+    pub(super) to: End,
+    /// What the sender drives, from a little before `passed` on.
+    driven: Waveform,
+    forces: Vec<Force>,
+    noises: Vec<Noise>,
+    traps: Vec<Trap>,
+    contacts: Vec<Contact>,
+    /// If it is disturbed: everything before this instant has been handed on.
+    passed: Option<Instant>,
+    /// What the receiver has been told last.
+    told: Edge,
+    /// What the receiver has been told and may still be withdrawn.
+    unsure: Vec<Edge>,
+    /// The level before that.
+    sure: Level,
+    /// Faults that have met their character, since they were asked for.
+    fired: Vec<FaultId>,
+}
+
+impl Noise {
+    /// From one pulse to the next: as long as it is by chance (exponentially distributed).
+    fn gap(&mut self) -> Span {
+        let chance = (1 + (self.random.next_u64() >> 11)) as f64 / (1u64 << 53) as f64;
+        Span::from_nanos(1 + (self.period.as_nanos() as f64 * -libm::log(chance)) as u64)
+    }
+}
+
+impl Wire {
+    pub(super) fn new(from: End, to: End) -> Self {
+        Self {
+            from,
+            to,
+            driven: Waveform::idle(),
+            forces: Vec::new(),
+            noises: Vec::new(),
+            traps: Vec::new(),
+            contacts: Vec::new(),
+            passed: None,
+            told: Edge { at: Instant::START, level: Level::High },
+            unsure: Vec::new(),
+            sure: Level::High,
+            fired: Vec::new(),
+        }
+    }
+
+    pub(super) fn is_disturbed(&self) -> bool {
+        self.passed.is_some()
+    }
+
+    /// The other wires that it touches, now or later.
+    pub(super) fn contacts(&self) -> impl Iterator<Item = LineId> {
+        self.contacts.iter().map(|contact| contact.other)
+    }
+
+    /// A character is committed at `at`. Gives what its receiver hears of it at once.
+    pub(super) fn carry(&mut self, at: Instant, edges: Vec<Edge>, end: Instant) -> Option<Vec<Edge>> {
+        let edges = self.tamper(at, edges, end);
+        edges.iter().for_each(|edge| self.driven.push(*edge));
+        if self.is_disturbed() || edges.is_empty() {
+            return None;
+        }
+        self.tell(&edges);
+        // Of the characters before nothing is needed any more.
+        self.driven.forget_before(edges[0].at);
+        Some(edges)
+    }
+
+    fn tell(&mut self, edges: &[Edge]) {
+        self.told = edges.last().copied().unwrap_or(self.told);
+        self.unsure.extend_from_slice(edges);
+    }
+
+    /// The sender goes idle at `at`: edges from then on are not driven after all.
+    pub(super) fn withdraw(&mut self, at: Instant) -> Option<Passed> {
+        self.driven.cut(at);
+        if self.is_disturbed() { None } else { self.untell(at) }
+    }
+
+    /// The receiver must forget what it has been told of the time from `at` on.
+    fn untell(&mut self, at: Instant) -> Option<Passed> {
+        self.unsure.retain(|edge| edge.at < at);
+        (self.told.at >= at).then(|| {
+            self.told = Edge { at, level: Level::High };
+            if self.unsure.last().map_or(self.sure, |edge| edge.level) == Level::Low {
+                self.unsure.push(self.told);
+            }
+            Passed::Cut(at)
+        })
+    }
+
+    /// Takes what can no longer be withdrawn: everything before `sure`.
+    pub(super) fn take_sure(&mut self, sure: Instant) -> Vec<Edge> {
+        let n = self.unsure.partition_point(|edge| edge.at < sure);
+        let taken: Vec<Edge> = self.unsure.drain(..n).collect();
+        self.sure = taken.last().map_or(self.sure, |edge| edge.level);
+        taken
+    }
+
+    /// Begins a fault that lasts from `at` until it is healed. Gives what its receiver must be told at once.
+    pub(super) fn disturb(&mut self, fault: FaultId, at: Instant, what: &Disturbance) -> Option<Passed> {
+        let passed = match what {
+            // It acts on what is committed from then on.
+            Disturbance::Character { .. } => {
+                self.passed.get_or_insert(self.told.at);
+                None
+            }
+            _ => self.begin(at),
+        };
+        let until = Instant::NEVER;
+        let force = |how| Force { fault, from: at, until, how };
+        match *what {
+            Disturbance::Cut => self.force(force(How::High)),
+            Disturbance::Stuck(Level::Low) => self.force(force(How::Low)),
+            Disturbance::Stuck(Level::High) => self.force(force(How::High)),
+            Disturbance::Short(other) => self.contacts.push(Contact { fault, other, from: at, until }),
+            Disturbance::Noise { period, width, seed } => {
+                let mut noise =
+                    Noise { fault, until, random: ChaCha8Rng::seed_from_u64(seed), period, width, next: at };
+                noise.next = at + noise.gap();
+                self.noises.push(noise);
+            }
+            Disturbance::Character { nth, what } => {
+                self.traps.push(Trap { fault, from: at, until, left: nth.max(1), what });
+            }
+        }
+        passed
+    }
+
+    /// From now on only what is sure is handed on, and what was told of the time from `at` on is taken back.
+    fn begin(&mut self, at: Instant) -> Option<Passed> {
+        match self.passed {
+            Some(_) => None,
+            None => {
+                self.passed = Some(self.told.at.min(at));
+                self.untell(at)
+            }
+        }
+    }
+
+    fn force(&mut self, force: Force) {
+        let place = self.forces.partition_point(|other| other.how <= force.how);
+        self.forces.insert(place, force);
+    }
+
+    /// Ends a fault at `at`.
+    pub(super) fn heal(&mut self, fault: FaultId, at: Instant) {
+        let end = |other: FaultId, until: &mut Instant| {
+            if other == fault {
+                *until = at.min(*until);
+            }
+        };
+        self.forces.iter_mut().for_each(|force| end(force.fault, &mut force.until));
+        self.noises.iter_mut().for_each(|noise| end(noise.fault, &mut noise.until));
+        self.traps.iter_mut().for_each(|trap| end(trap.fault, &mut trap.until));
+        self.contacts.iter_mut().for_each(|contact| end(contact.fault, &mut contact.until));
+    }
+
+    /// Which faults have met their character since the last call.
+    pub(super) fn take_fired(&mut self) -> Vec<FaultId> {
+        core::mem::take(&mut self.fired)
+    }
+
+    /// Lets the traps that are set for a character act on it.
+    fn tamper(&mut self, at: Instant, mut edges: Vec<Edge>, end: Instant) -> Vec<Edge> {
+        let Some(first) = edges.first().map(|edge| edge.at) else { return edges };
+        let mut forces = Vec::new();
+        for trap in self.traps.iter_mut().filter(|trap| trap.from <= at && at < trap.until && trap.left > 0) {
+            trap.left -= 1;
+            if trap.left > 0 {
+                continue;
+            }
+            self.fired.push(trap.fault);
+            let mut force = |from, until, how| forces.push(Force { fault: trap.fault, from, until, how });
+            let length = end.since(first);
+            match trap.what {
+                Tampering::Flip(bit) => {
+                    let edge = |bit: u64| first + Span::from_nanos(length.as_nanos() * bit / 10);
+                    let bit = u64::from(bit.min(9));
+                    force(edge(bit), edge(bit + 1), How::Invert);
+                }
+                Tampering::Drop => force(first, end, How::High),
+                Tampering::Double => {
+                    let lows = edges.chunk_by(|a, _| a.level == Level::Low);
+                    lows.filter(|low| low[0].level == Level::Low).for_each(|low| {
+                        let until = low.get(1).map_or(end, |edge| edge.at);
+                        force(low[0].at + length, until + length, How::Low);
+                    });
+                }
+                Tampering::Delay { edge, by } => {
+                    let edge = usize::from(edge).min(edges.len() - 1);
+                    // The next character's begin where this one ends.
+                    edges[edge].at = (edges[edge].at + by).min(end);
+                    // An edge that comes after the next one has no effect, nor has the next.
+                    if edges.get(edge + 1).is_some_and(|next| next.at <= edges[edge].at) {
+                        edges.drain(edge..edge + 2);
+                    }
+                }
+            }
+        }
+        forces.into_iter().for_each(|force| self.force(force));
+        edges
+    }
+
+    /// How far noise lets this wire be handed on: noise comes as the receiver goes.
+    pub(super) fn noise_until(&self, receiver: Instant) -> Instant {
+        if self.noises.is_empty() { Instant::NEVER } else { receiver + NOISE_AHEAD }
+    }
+
+    /// The first instant at which the level can change and that has not been handed on, as far as it is known.
+    pub(super) fn next_change(&self, driven: impl Fn(LineId, Instant) -> Driven) -> Instant {
+        let Some(passed) = self.passed else { return Instant::NEVER };
+        let noises = self.noises.iter().filter(|noise| noise.next < noise.until).map(|noise| noise.next);
+        noises.chain([self.next_from(passed, driven)]).min().unwrap_or(Instant::NEVER)
+    }
+
+    /// Hands on everything before `sure`, if it is disturbed; `driven` says what drives another wire. Gives the edges,
+    /// if that is news.
+    pub(super) fn pass(&mut self, sure: Instant, driven: impl Fn(LineId, Instant) -> Driven) -> Option<Vec<Edge>> {
+        let passed = self.passed.filter(|passed| *passed < sure)?;
+        self.make_noise(sure);
+        let mut edges = Vec::new();
+        let (mut at, mut reached) = (passed, passed);
+        while at < sure {
+            let level = self.level(at, &driven);
+            if level != self.told.level {
+                self.told = Edge { at, level };
+                edges.push(self.told);
+            }
+            reached = at;
+            at = self.next_from(at.next(), &driven);
+        }
+        // If nothing more is known to come, something may still come from outside the rig.
+        let reached = if sure.is_never() { reached } else { sure };
+        if self.contacts.is_empty() {
+            self.driven.forget_before(passed);
+        }
+        self.unsure.extend_from_slice(&edges);
+        self.passed = Some(reached);
+        self.forget(reached);
+        (reached > passed || !self.is_disturbed()).then_some(edges)
+    }
+
+    fn make_noise(&mut self, until: Instant) {
+        let mut pulses = Vec::new();
+        for noise in &mut self.noises {
+            while noise.next < until.min(noise.until) {
+                let width = Span::from_nanos(1 + noise.random.next_u64() % noise.width.as_nanos().max(1));
+                let end = (noise.next + width).min(noise.until);
+                pulses.push(Force { fault: noise.fault, from: noise.next, until: end, how: How::Invert });
+                noise.next = end + noise.gap();
+            }
+        }
+        pulses.into_iter().for_each(|pulse| self.force(pulse));
+    }
+
+    fn level(&self, at: Instant, driven: impl Fn(LineId, Instant) -> Driven) -> Level {
+        let mut level = self.driven.level_at(at);
+        for contact in self.contacts.iter().filter(|contact| contact.from <= at && at < contact.until) {
+            if driven(contact.other, at).level == Level::Low {
+                level = Level::Low;
+            }
+        }
+        for force in self.forces.iter().filter(|force| force.from <= at && at < force.until) {
+            level = match (force.how, level) {
+                (How::Invert, Level::High) | (How::Low, _) => Level::Low,
+                (How::Invert, Level::Low) | (How::High, _) => Level::High,
+            };
+        }
+        level
+    }
+
+    /// The first instant from `at` on at which the level can change.
+    fn next_from(&self, at: Instant, driven: impl Fn(LineId, Instant) -> Driven) -> Instant {
+        let forces = self.forces.iter().flat_map(|force| [force.from, force.until]);
+        let contacts = self.contacts.iter().flat_map(|contact| [contact.from, contact.until]);
+        let others = self.contacts.iter().map(|contact| driven(contact.other, at).next);
+        let known = forces.chain(contacts).filter(|change| *change >= at);
+        known.chain(others).chain([self.driven(at).next]).min().unwrap_or(Instant::NEVER)
+    }
+
+    /// Forgets what lies before `passed`; a wire that is sound again hands characters on as they come.
+    fn forget(&mut self, passed: Instant) {
+        self.forces.retain(|force| force.until > passed);
+        self.noises.retain(|noise| noise.until > passed);
+        self.traps.retain(|trap| trap.left > 0 && trap.until > passed);
+        self.contacts.retain(|contact| contact.until > passed);
+        let sound = self.forces.is_empty()
+            && self.noises.is_empty()
+            && self.traps.is_empty()
+            && self.contacts.is_empty()
+            && self.driven.falling_from(passed).or(self.driven.rising_from(passed)).is_none();
+        if sound {
+            self.passed = None;
+        }
+    }
+
+    /// The instant of what the receiver has been told last, if that is more than its sender has been settled for.
+    pub(super) fn told_at(&self) -> Instant {
+        if self.is_disturbed() { self.told.at } else { Instant::START }
+    }
+
+    /// What the sender drives at `at`, and its first change from then on.
+    pub(super) fn driven(&self, at: Instant) -> Driven {
+        let next = [self.driven.falling_from(at), self.driven.rising_from(at)].into_iter().flatten().min();
+        Driven { level: self.driven.level_at(at), next: next.unwrap_or(Instant::NEVER) }
+    }
+}
