@@ -18,50 +18,12 @@ use std::sync::mpsc;
 use std::thread;
 use std::time::{Duration, Instant};
 
+use common::clients::*;
 use common::{ACK, AT_REST, LONG, NAK, PATIENCE, Pc, Up, XOFF, XON};
-use common::{folder, is_installed, json, kill, output, torno, wait_until};
+use common::{folder, is_installed, kill, torno, wait_until};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
-use serde_json::Value;
 use serialport::{ClearBuffer, FlowControl, SerialPort};
-
-/// Feed 225 counts, depth 1 slot out: about a second. The spindle stays at rest: stopping it takes ten.
-const FEED: [u8; 8] = [0x00, 0xe1, 0x00, 0xe1, 0x00, 0x00, 0x01, 0x00];
-/// Depth 5 slots out: about three seconds, time enough to do something while the slaves are busy.
-const MEDIUM: [u8; 8] = [0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x05, 0x00];
-/// Any user who is not root.
-const NOBODY: u32 = 65_534;
-
-fn times(up: &Up, text: &str) -> usize {
-    up.log().matches(text).count()
-}
-
-fn wait_for_times(up: &Up, text: &str, n: usize) {
-    wait_until(&format!("{text:?} is logged {n} times; log:\n{}", up.log()), || times(up, text) >= n);
-}
-
-/// A rig that logs every byte that the PC's UART sends and receives.
-fn traced(arguments: &[&str]) -> Up {
-    let folder = folder();
-    let mut command = torno(&["up", "--json", "--link", folder.path().join("pc").to_str().unwrap()]);
-    command.args(arguments).env("RUST_LOG", "torno=trace");
-    Up::launch(command, folder)
-}
-
-/// A client that leaves being held to its operating system.
-fn pc_with_ixon(up: &Up) -> Pc {
-    let mut pc = up.pc();
-    pc.port.set_flow_control(FlowControl::Software).unwrap();
-    pc
-}
-
-/// A program file with these frames.
-fn program(folder: &Path, frames: &[[u8; 8]]) -> PathBuf {
-    let line = |frame: &[u8; 8]| frame.map(|byte| format!("{byte:02x}")).join(" ");
-    let path = folder.join("test.frames");
-    fs::write(&path, frames.iter().map(line).collect::<Vec<_>>().join("\n")).unwrap();
-    path
-}
 
 // --- the conversation -----------------------------------------------------------------------------------------------
 
@@ -285,6 +247,42 @@ fn wrong_speed_gives_framing_errors_until_it_is_put_right() {
     }
 }
 
+/// The silence after a line error ends in nothing that the master tells: at full speed time passes it all the same.
+#[test]
+fn valid_frame_after_a_line_error_is_obeyed_at_full_speed_too() {
+    let up = Up::start(&["--pace", "max"]);
+    let mut pc = Pc::open(&up.link(), 1200);
+    pc.write(&[0; 20]);
+    up.wait_for_log("frame refused: line error");
+    drop(pc);
+    up.wait_for_log("the PC port has been closed");
+    thread::sleep(Duration::from_millis(200));
+    let mut pc = up.pc();
+    pc.write(&AT_REST);
+    pc.expect(&[ACK, XON]);
+}
+
+/// Nobody hears what the PC sends meanwhile, so nothing holds it back: it is sent once.
+#[test]
+fn what_is_sent_to_a_stopped_master_at_full_speed_is_sent_once() {
+    let up = traced(&["--pace", "max"]);
+    let master = up.board("master");
+    let mut pc = up.pc();
+    kill("-STOP", master);
+    up.wait_for_log("was stopped");
+    for n in 1..=3 {
+        pc.write(&[0x80; 8]);
+        wait_for_times(&up, "sent 128", 8 * n);
+        thread::sleep(Duration::from_millis(20));
+    }
+    assert_eq!(times(&up, "sent 128"), 24);
+    kill("-CONT", master);
+    up.wait_for_log("was continued");
+    thread::sleep(Duration::from_millis(200));
+    pc.write(&AT_REST);
+    wait_for_times(&up, "distributed", 1);
+}
+
 /// The first is held, the second does not understand `XON`: it must not be the third who pays.
 #[test]
 fn stop_that_a_client_could_not_understand_the_end_of_does_not_outlive_it() {
@@ -307,71 +305,6 @@ fn stop_that_a_client_could_not_understand_the_end_of_does_not_outlive_it() {
     third.write(&AT_REST);
     let reply = third.read(1)[0];
     assert!([ACK, NAK].contains(&reply), "{reply:02x}\n{}", up.log());
-}
-
-// --- torno send -----------------------------------------------------------------------------------------------------
-
-/// Sends a program, and gives the summary and the exit code.
-fn send(program: &Path, port: &Path, more: &[&str]) -> (Value, Option<i32>) {
-    let arguments = ["send", program.to_str().unwrap(), "--json", "--port", port.to_str().unwrap()];
-    let output = output(&[&arguments, more].concat());
-    (json(&output), output.status.code())
-}
-
-/// A terminal: its master side, and the path of the other.
-fn pty() -> (File, PathBuf) {
-    use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
-    let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
-    grantpt(&master).and_then(|()| unlockpt(&master)).unwrap();
-    let path = PathBuf::from(ptsname(&master, Vec::new()).unwrap().into_string().unwrap());
-    (master.into(), path)
-}
-
-/// What `torno send` of a frame at rest writes to standard output, and to standard error if that is a terminal.
-fn sent_from(up: &Up, more: &[&str], stderr_is_a_terminal: bool) -> (String, String) {
-    let folder = folder();
-    let (program, port) = (program(folder.path(), &[AT_REST]), up.link());
-    let arguments = ["send", program.to_str().unwrap(), "--port", port.to_str().unwrap()];
-    let mut command = torno(&[&arguments, more].concat());
-    let mut screen = None;
-    if stderr_is_a_terminal {
-        let (master, path) = pty();
-        command.env("TERM", "xterm").stderr(File::options().read(true).write(true).open(path).unwrap());
-        screen = Some(thread::spawn(move || {
-            let mut shown = Vec::new();
-            (&master).read_to_end(&mut shown).ok();
-            String::from_utf8_lossy(&shown).into_owned()
-        }));
-    }
-    let output = command.output().unwrap();
-    // It holds the last descriptor of the terminal: with it, the reading ends.
-    drop(command);
-    let shown = match screen {
-        Some(screen) => screen.join().unwrap(),
-        None => String::from_utf8(output.stderr).unwrap(),
-    };
-    (String::from_utf8(output.stdout).unwrap(), shown)
-}
-
-#[test]
-fn program_is_sent_frame_by_frame_as_held() {
-    let up = Up::start(&[]);
-    let folder = folder();
-    let (summary, code) = send(&program(folder.path(), &[FEED, AT_REST, FEED, AT_REST]), &up.link(), &[]);
-    assert_eq!((summary["outcome"].as_str(), code), (Some("completed"), Some(0)), "{summary}");
-    let frames = &summary["frames"];
-    assert_eq!((&frames["sent"], &frames["accepted"], &frames["rejected"]), (&4.into(), &4.into(), &0.into()));
-    assert!(frames["held"].as_u64().unwrap() >= 2, "{summary}");
-    assert_eq!((times(&up, "distributed"), times(&up, "all slaves done")), (4, 4));
-}
-
-#[test]
-fn demonstration_is_sent_to_its_end() {
-    let up = Up::start(&["--pace", "max"]);
-    let demonstration = Path::new(env!("CARGO_MANIFEST_DIR")).join("builtin/shaft.frames");
-    let (summary, code) = send(&demonstration, &up.link(), &[]);
-    assert_eq!((summary["outcome"].as_str(), code), (Some("completed"), Some(0)), "{summary}");
-    assert_eq!(summary["frames"]["accepted"], summary["frames"]["total"]);
 }
 
 #[test]
@@ -400,6 +333,23 @@ fn what_a_held_program_could_not_send_is_not_the_next_ones() {
     new.write(&AT_REST);
     new.expect(&[NAK, b'o']);
     assert!(new.is_silent());
+}
+
+#[test]
+fn what_a_held_program_could_not_send_gives_way_to_a_redirection_too() {
+    let up = traced(&["--pace", "20"]);
+    let mut old = pc_with_ixon(&up);
+    old.write(&[LONG, FEED, FEED, FEED, FEED].concat());
+    old.expect(&[ACK]);
+    up.wait_for_log("pc: received 19");
+    drop(old);
+    up.wait_for_log("the PC port has been closed");
+    for refused in 1..=2 {
+        let sh = Command::new("sh").args(["-c", "printf 12345678 > \"$0\""]).arg(up.link()).status().unwrap();
+        assert!(sh.success());
+        wait_for_times(&up, "frame refused", refused);
+    }
+    up.wait_for_log("bytes that the program before could not send are dropped");
 }
 
 #[test]
@@ -435,43 +385,6 @@ fn speed_that_no_uart_has_does_not_stop_the_rig() {
             }
         }
     }
-}
-
-#[test]
-fn replies_go_to_standard_output_and_the_bar_to_a_terminal_only() {
-    let up = Up::start(&["--pace", "20"]);
-    for terminal in [false, true] {
-        let (output, shown) = sent_from(&up, &[], terminal);
-        let replies: Vec<&str> = output.lines().filter_map(|line| line.split_once(" s  ")).map(|(_, r)| r).collect();
-        assert_eq!(replies, ["ACK", "XON"], "{output}\n{shown}");
-        assert!(output.ends_with("outcome  completed\n"), "{output}");
-        assert!(!shown.contains("ACK") && shown.contains("of 1") == terminal, "{shown:?}");
-
-        let (output, shown) = sent_from(&up, &["--json"], terminal);
-        assert_eq!(serde_json::from_str::<Value>(&output).unwrap()["outcome"], "completed");
-        assert!(!shown.contains("ACK") && shown.contains("of 1") == terminal, "{shown:?}");
-    }
-}
-
-#[test]
-fn program_with_a_refused_frame_ends_as_rejected() {
-    let up = Up::start(&["--pace", "20"]);
-    let folder = folder();
-    let mut wrong = AT_REST;
-    wrong[7] = 2;
-    let (summary, code) = send(&program(folder.path(), &[AT_REST, wrong, FEED]), &up.link(), &[]);
-    assert_eq!((summary["outcome"].as_str(), code), (Some("rejected"), Some(1)), "{summary}");
-    assert_eq!(summary["frames"]["refusals"], Value::from(vec!["direction"]));
-    assert_eq!(summary["frames"]["accepted"], 2);
-}
-
-#[test]
-fn program_that_nobody_answers_ends_as_unanswered() {
-    let (_mute, port) = pty();
-    let folder = folder();
-    let (summary, code) = send(&program(folder.path(), &[AT_REST, AT_REST]), &port, &["--timeout", "0.2"]);
-    assert_eq!((summary["outcome"].as_str(), code), (Some("unanswered"), Some(1)), "{summary}");
-    assert_eq!((&summary["frames"]["sent"], &summary["frames"]["accepted"]), (&1.into(), &0.into()));
 }
 
 // --- the link and who may use it ------------------------------------------------------------------------------------
