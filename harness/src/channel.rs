@@ -14,6 +14,7 @@ use tokio::io::unix::AsyncFd;
 use torno_protocol::record;
 
 use crate::readable::readable;
+use crate::rig::Bytes;
 
 /// How long the other end may leave the socket full.
 const FULL: Timespec = Timespec { tv_sec: 10, tv_nsec: 0 };
@@ -24,17 +25,25 @@ pub(crate) struct Channel {
     socket: AsyncFd<OwnedFd>,
     incoming: BytesMut,
     outgoing: BytesMut,
+    bytes: Bytes,
 }
 
 impl Channel {
     pub(crate) fn new(socket: UnixStream) -> io::Result<Self> {
         socket.set_nonblocking(true)?;
-        Ok(Self { socket: readable(socket)?, incoming: BytesMut::new(), outgoing: BytesMut::new() })
+        let (incoming, outgoing) = (BytesMut::new(), BytesMut::new());
+        Ok(Self { socket: readable(socket)?, incoming, outgoing, bytes: Bytes::default() })
+    }
+
+    /// What has gone each way so far: sent to the other end, received from it.
+    pub(crate) fn bytes(&self) -> Bytes {
+        self.bytes
     }
 
     pub(crate) fn send(&mut self, record: &impl Serialize) -> io::Result<()> {
         self.outgoing.clear();
         record::encode(record, &mut self.outgoing).map_err(io::Error::other)?;
+        self.bytes.to += self.outgoing.len() as u64;
         let mut rest = &self.outgoing[..];
         while !rest.is_empty() {
             match rustix::io::write(self.socket.get_ref(), rest) {
@@ -67,6 +76,7 @@ impl Channel {
                 Ok(Ok(0)) => return Poll::Ready(Ok(None)),
                 Ok(Ok(n)) => {
                     self.incoming.extend_from_slice(&chunk[..n]);
+                    self.bytes.from += n as u64;
                     if n < chunk.len() {
                         // Nothing is left to read: saves the read that would say so.
                         guard.clear_ready();

@@ -4,12 +4,12 @@ use torno_protocol::board::Stimulus;
 use torno_protocol::lathe::{Conversation, Outcome, Program, Reply, ReplyDecoder};
 use torno_protocol::time::{Instant, Span};
 
-use crate::engine::{Fact, Limit, NodeId, Statistics};
+use crate::engine::{Fact, Limit, NodeId};
 use crate::observe::{Digest, Sum, Telemetry, Waveforms, log};
 use crate::pace::{Brake, Pace};
 use crate::pc::{PcEvent, PcProgram, PcUart};
 use crate::rig::file::RigFile;
-use crate::rig::{Driver, Incident, Rig, RigError};
+use crate::rig::{Cost, Driver, Incident, Rig, RigError};
 
 /// The PC starts to send so long after the rig has started, or later where characters are long: a decoder wants to see
 /// an idle line first.
@@ -32,6 +32,8 @@ pub struct Play {
     pub breakages: Vec<Breakage>,
     /// Whether to keep the waveforms of all lines.
     pub waveforms: bool,
+    /// Whether to measure what wall time is spent on.
+    pub measure: bool,
 }
 
 /// Something that breaks at an instant.
@@ -90,8 +92,10 @@ pub struct Finale {
     pub boards: Vec<BoardFinale>,
     /// What became of their processes.
     pub incidents: Vec<Incident>,
-    /// What the engine did.
-    pub statistics: Statistics,
+    /// What the boards and the PC have cost.
+    pub costs: Vec<Cost>,
+    /// The wall time from when all boards stood, if it was to be measured.
+    pub measured: Option<std::time::Duration>,
     /// The waveforms, if they were to be kept.
     pub waveforms: Option<Waveforms>,
 }
@@ -129,6 +133,9 @@ impl Play {
         let mut rig = Rig::start(&self.file, &self.driver, uart).await?;
         if self.pace == Pace::Max {
             rig.share_one_processor();
+        }
+        if self.measure {
+            rig.measure();
         }
         for breakage in &self.breakages {
             break_it(&mut rig, breakage)?;
@@ -257,7 +264,8 @@ impl Stage {
             digest: self.digest.sum(),
             boards: self.rig.nodes().iter().enumerate().filter(|(id, _)| *id != self.rig.pc()).map(board).collect(),
             incidents: self.incidents,
-            statistics: self.rig.engine().statistics(),
+            costs: self.rig.costs(),
+            measured: self.rig.measured(),
             waveforms: self.waveforms,
             conversation: self.conversation,
         })

@@ -10,7 +10,7 @@ use anyhow::Context;
 use torno::observe::log;
 use torno::pace::Pace;
 use torno::play::{Finale, Play};
-use torno::report::{Bar, BoardSummary, Frames, Summary, failures};
+use torno::report::{Bar, BoardSummary, Frames, Stats, Summary, failures};
 use torno::rig::file::RigFile;
 use torno_protocol::lathe::Outcome;
 
@@ -34,6 +34,9 @@ pub(super) struct Arguments {
     /// Writes every line of the rig as a one-bit signal, in nanoseconds
     #[arg(long, value_name = "FILE")]
     vcd: Option<PathBuf>,
+    /// Also tells what limits the rig: turns, bytes, and where the time goes
+    #[arg(long)]
+    stats: bool,
     /// Prints the summary as one line of JSON
     #[arg(long)]
     json: bool,
@@ -52,7 +55,8 @@ impl Arguments {
         let rig = file.name.clone();
         let waveforms = vcd.is_some();
         let driver = driver(self.in_process)?;
-        let play = Play { file, program, driver, pace: self.pace, breakages: Vec::new(), waveforms };
+        let play =
+            Play { file, program, driver, pace: self.pace, breakages: Vec::new(), waveforms, measure: self.stats };
 
         let mut interrupt = Interrupt::listen()?;
         let bar = Bar::new(frames, started);
@@ -79,7 +83,8 @@ fn create(path: &Path) -> anyhow::Result<(&Path, BufWriter<File>)> {
 }
 
 fn summary(finale: Finale, rig: String, program: String, frames: usize, seed: u64, started: Instant) -> Summary {
-    let wall_s = started.elapsed().as_secs_f64();
+    let wall = started.elapsed();
+    let wall_s = wall.as_secs_f64();
     let virtual_s = finale.end.as_secs_f64();
     Summary {
         rig: Some(rig),
@@ -95,6 +100,7 @@ fn summary(finale: Finale, rig: String, program: String, frames: usize, seed: u6
         digest: Some(finale.digest.to_string()),
         pid: std::process::id(),
         incidents: finale.incidents.iter().map(|incident| format!("{}: {incident}", incident.at)).collect(),
+        stats: finale.measured.map(|measured| Stats::new(&finale.costs, virtual_s, wall, measured)),
         order: finale.boards.iter().map(|board| board.name.clone()).collect(),
         boards: finale
             .boards

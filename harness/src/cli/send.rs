@@ -74,6 +74,7 @@ impl Arguments {
             pid: std::process::id(),
             incidents: Vec::new(),
             boards: BTreeMap::new(),
+            stats: None,
             order: Vec::new(),
         };
         let text = if self.json { serde_json::to_string(&summary)? + "\n" } else { summary.text(colour()) };

@@ -165,11 +165,13 @@ impl Limit {
     }
 }
 
-/// What the engine has done, for those who want to know what limits a rig.
+/// What a board has cost, for those who want to know what limits a rig. Without a pace, the same on every machine.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Statistics {
-    /// Turns given to boards.
+    /// Turns given to it.
     pub turns: u64,
+    /// Those of them that took back something it had told: it had run ahead of what it then heard.
+    pub redone: u64,
 }
 
 /// The time engine of one rig.
@@ -182,7 +184,6 @@ pub struct Engine {
     /// Faults and watches so far.
     issued: u32,
     facts: Vec<Fact>,
-    statistics: Statistics,
 }
 
 impl Engine {
@@ -288,9 +289,9 @@ impl Engine {
         core::mem::take(&mut self.facts)
     }
 
-    /// What the engine has done.
-    pub const fn statistics(&self) -> Statistics {
-        self.statistics
+    /// What a board has cost.
+    pub fn statistics(&self, node: NodeId) -> Statistics {
+        self.nodes[node].statistics
     }
 
     /// Settles everything within `limit` that can be settled, and says which boards must take a turn for more.
@@ -333,9 +334,7 @@ impl Engine {
     pub fn catch_up(&mut self, until: Instant) -> Vec<(NodeId, Turn)> {
         let nodes = self.nodes.iter_mut().enumerate();
         let behind = nodes.filter(|(_, node)| node.life == Life::Runs && !node.awaited && node.horizon < until);
-        let turns: Vec<_> = behind.map(|(id, node)| (id, node.turn(until))).collect();
-        self.statistics.turns += turns.len() as u64;
-        turns
+        behind.map(|(id, node)| (id, node.turn(until))).collect()
     }
 
     /// Whether boards are yet to answer.
@@ -594,9 +593,7 @@ impl Engine {
         }
         let now = first + TOGETHER;
         let needed = (0..self.nodes.len()).filter(|id| needs[*id] <= now);
-        let turns: Vec<_> = needed.map(|id| (id, self.nodes[id].turn(Instant::START))).collect();
-        self.statistics.turns += turns.len() as u64;
-        turns
+        needed.map(|id| (id, self.nodes[id].turn(Instant::START))).collect()
     }
 }
 

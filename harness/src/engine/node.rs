@@ -7,7 +7,7 @@ use torno_protocol::record::{Batch, Heard, Silence, Timed, Turn};
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::Ear;
 
-use super::{LineId, Watch};
+use super::{LineId, Statistics, Watch};
 
 /// A mute board that is watched runs so far at a time.
 const WATCH_AHEAD: Span = Span::from_secs(1);
@@ -52,6 +52,7 @@ pub(super) struct Node {
     pub(super) eit: Instant,
     /// What it tells matters to somebody else: it must run even if it is mute.
     pub(super) watched: bool,
+    pub(super) statistics: Statistics,
 }
 
 impl Node {
@@ -73,6 +74,7 @@ impl Node {
             awaited: false,
             eit: Instant::NEVER,
             watched: false,
+            statistics: Statistics::default(),
         }
     }
 
@@ -218,9 +220,12 @@ impl Node {
     /// Starts a turn: from here on, what was told for the instants that the board is about to hear of no longer holds.
     pub(super) fn turn(&mut self, until: Instant) -> Turn {
         self.awaited = true;
+        let told = self.ahead.len();
         while self.ahead.back().is_some_and(|told| told.at >= self.effect) {
             self.ahead.pop_back();
         }
+        self.statistics.turns += 1;
+        self.statistics.redone += u64::from(self.ahead.len() < told);
         self.silences.retain(|silence| silence.deadline < self.effect);
         self.horizon = self.horizon.min(self.effect);
         if !self.effect.is_never() {

@@ -1,7 +1,9 @@
 //! What a person, or a program, is told at the end of a run and on the way.
 
 mod progress;
+mod stats;
 mod summary;
 
 pub use progress::Bar;
+pub use stats::{BytesPerTurn, Shares, Stats};
 pub use summary::{BoardSummary, Frames, Summary, failures};

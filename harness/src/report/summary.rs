@@ -7,6 +7,8 @@ use anstyle::{AnsiColor, Style};
 use serde::Serialize;
 use torno_protocol::lathe::Conversation;
 
+use super::Stats;
+
 /// What is told at the end of a program; as JSON, one object on one line.
 #[derive(Clone, Debug, Serialize)]
 pub struct Summary {
@@ -44,6 +46,9 @@ pub struct Summary {
     pub incidents: Vec<String>,
     /// The boards.
     pub boards: BTreeMap<String, BoardSummary>,
+    /// What it cost, if that was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stats: Option<Stats>,
     #[serde(skip)]
     /// The boards' names in the order of the rig.
     pub order: Vec<String>,
@@ -149,6 +154,10 @@ impl Summary {
         }
         let colour = if self.outcome == "completed" { AnsiColor::Green } else { AnsiColor::Red };
         let outcome = style(colour.on_default().bold());
-        writeln!(text, "{:<9}{outcome}{}{outcome:#}", "outcome", self.outcome)
+        writeln!(text, "{:<9}{outcome}{}{outcome:#}", "outcome", self.outcome)?;
+        match &self.stats {
+            Some(stats) => stats.write(text, bold),
+            None => Ok(()),
+        }
     }
 }

@@ -1,5 +1,6 @@
 //! A running rig: boards in their processes (or all in this one), joined by the time engine.
 
+mod cost;
 pub mod file;
 pub mod kinds;
 mod process;
@@ -19,6 +20,8 @@ use torno_protocol::time::Instant;
 
 use crate::engine::{Disturbance, End, Engine, Fact, LateOutput, Limit, LineId, NodeId};
 use crate::pc::{PcProgram, PcUart};
+use cost::Stopwatch;
+pub use cost::{Bytes, Cost};
 use file::RigFile;
 use kinds::Steps;
 use process::BoardProcess;
@@ -133,6 +136,27 @@ pub struct Node {
     /// Its process, if it has one of its own.
     pub pid: Option<u32>,
     seat: Seat,
+    /// What had gone over its socket before its first turn and, once its process has died, what has gone in all.
+    bytes: (Bytes, Option<Bytes>),
+}
+
+impl Node {
+    fn new(name: &str, description: Description, seat: Seat) -> Self {
+        let pid = match &seat {
+            Seat::Process(process) => Some(process.pid().as_raw_nonzero().get() as u32),
+            Seat::Local(_) | Seat::Empty => None,
+        };
+        Self { name: name.to_owned(), description, pid, seat, bytes: (Bytes::default(), None) }
+    }
+
+    /// What its turns have taken over the socket.
+    fn bytes(&self) -> Option<Bytes> {
+        let all = match &self.seat {
+            Seat::Process(process) => Some(process.bytes()),
+            Seat::Local(_) | Seat::Empty => self.bytes.1,
+        };
+        all.map(|all| all - self.bytes.0)
+    }
 }
 
 /// A running rig. Dropping it ends its processes.
@@ -145,6 +169,7 @@ pub struct Rig {
     /// There has been news of the processes that is not noted yet.
     news: bool,
     incidents: Vec<Incident>,
+    stopwatch: Option<Stopwatch>,
 }
 
 impl Rig {
@@ -166,20 +191,17 @@ impl Rig {
             children,
             news: false,
             incidents: Vec::new(),
+            stopwatch: None,
         };
         for board in &file.boards {
-            let seat = seat(board, driver)?;
-            let pid = match &seat {
-                Seat::Process(process) => Some(process.pid().as_raw_nonzero().get() as u32),
-                Seat::Local(_) | Seat::Empty => None,
-            };
-            rig.add_node(Node { name: board.name.clone(), description: board.description.clone(), pid, seat });
+            rig.add_node(Node::new(&board.name, board.description.clone(), seat(board, driver)?));
         }
         let pc: Box<dyn Steps> = Box::new(Stepper::new(pc));
-        rig.add_node(Node { name: "pc".to_owned(), description: pc.description(), pid: None, seat: Seat::Local(pc) });
+        rig.add_node(Node::new("pc", pc.description(), Seat::Local(pc)));
         rig.add_link((rig.pc, 0), file.pc.to);
         file.links.iter().for_each(|[a, b]| rig.add_link(*a, *b));
         rig.greet().await?;
+        rig.nodes.iter_mut().for_each(|node| node.bytes.0 = node.bytes().unwrap_or_default());
         let first = rig.engine.catch_up(Instant::START.next());
         rig.give(first).await?;
         Ok(rig)
@@ -230,6 +252,39 @@ impl Rig {
             if let Err(error) = rustix::thread::sched_setaffinity(pid, &cpus) {
                 tracing::debug!(%error, "cannot keep the boards on one processor");
             }
+        }
+    }
+
+    /// Measures from here on what wall time is spent on.
+    pub fn measure(&mut self) {
+        self.stopwatch = Some(Stopwatch::new(self.nodes.len()));
+    }
+
+    /// What each node has cost so far, in the order of the engine's numbers.
+    pub fn costs(&self) -> Vec<Cost> {
+        let cost = |(id, node): (NodeId, &Node)| Cost {
+            name: node.name.clone(),
+            statistics: self.engine.statistics(id),
+            bytes: node.bytes(),
+            wall: self.stopwatch.as_ref().map(|stopwatch| stopwatch.spent(id)).unwrap_or_default(),
+        };
+        self.nodes.iter().enumerate().map(cost).collect()
+    }
+
+    /// The wall time that has passed since it was first [measured](Self::measure).
+    pub fn measured(&self) -> Option<Duration> {
+        self.stopwatch.as_ref().map(Stopwatch::total)
+    }
+
+    fn lap(&mut self) {
+        if let Some(stopwatch) = &mut self.stopwatch {
+            stopwatch.lap();
+        }
+    }
+
+    fn charge(&mut self, node: NodeId) {
+        if let Some(stopwatch) = &mut self.stopwatch {
+            stopwatch.charge(node);
         }
     }
 
@@ -327,12 +382,15 @@ impl Rig {
     /// Gives boards their turns and waits for their answers.
     async fn give(&mut self, turns: Vec<(NodeId, Turn)>) -> Result<(), RigError> {
         for (id, turn) in turns {
+            self.lap();
             let node = &mut self.nodes[id];
             match &mut node.seat {
                 Seat::Local(stepper) => {
                     let answer = stepper.turn(&turn);
                     let broken = |source| RigError::BrokenPromise { board: node.name.clone(), source };
-                    self.engine.answer(id, answer.map_err(broken)?)?;
+                    let answer = answer.map_err(broken)?;
+                    self.charge(id);
+                    self.engine.answer(id, answer)?;
                 }
                 Seat::Process(process) => {
                     let sent = process.send(&ToBoard::Turn(turn));
@@ -351,6 +409,7 @@ impl Rig {
         }
         let mut patience = std::pin::pin!(tokio::time::sleep(SLOW_BOARD));
         while self.engine.is_waiting() {
+            self.lap();
             let happened = poll_fn(|context| {
                 if core::mem::take(&mut self.news) || self.children.poll_recv(context).is_ready() {
                     return Poll::Ready(Happened::News);
@@ -367,7 +426,10 @@ impl Rig {
             });
             match happened.await {
                 Happened::News => self.look_after_children()?,
-                Happened::Answer(id, answer) => self.take_answer(id, answer).await?,
+                Happened::Answer(id, answer) => {
+                    self.charge(id);
+                    self.take_answer(id, answer).await?;
+                }
                 Happened::Nothing => {
                     let slow = (0..self.nodes.len()).find(|id| self.engine.awaits(*id)).unwrap_or_default();
                     return Err(RigError::Slow { board: self.nodes[slow].name.clone() });
@@ -411,6 +473,9 @@ impl Rig {
             ProcessChange::Stopped => self.engine.stop(id),
             ProcessChange::Continued => self.engine.resume(id),
             ProcessChange::Died(_) => {
+                if let Seat::Process(process) = &self.nodes[id].seat {
+                    self.nodes[id].bytes.1 = Some(process.bytes());
+                }
                 self.nodes[id].seat = Seat::Empty;
                 self.engine.kill(id)
             }

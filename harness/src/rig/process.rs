@@ -11,6 +11,7 @@ use rustix::process::{Pid, WaitId, WaitIdOptions};
 use tokio::process::{Child, Command};
 use torno_protocol::record::{FromBoard, Setup, ToBoard};
 
+use super::Bytes;
 use crate::channel::Channel;
 
 /// A board's process.
@@ -52,6 +53,11 @@ impl BoardProcess {
 
     pub(super) fn pid(&self) -> Pid {
         self.pid
+    }
+
+    /// What has gone to the process and come from it.
+    pub(super) fn bytes(&self) -> Bytes {
+        self.channel.bytes()
     }
 
     /// If the process has died, its socket's end will say so.
