@@ -62,6 +62,21 @@ pub fn json(output: &Output) -> Value {
     serde_json::from_str(text).unwrap()
 }
 
+/// A rig file of so many masters with three slaves each: `master0`, `spindle0`… The PC is at the first one; nothing
+/// is at the PC's port of the others, which idle.
+pub fn rig_of(masters: usize) -> String {
+    let mut text = "name = \"masters\"\ndialect = \"lathe\"\n[pc]\nport = \"master0.pc\"\n".to_owned();
+    for n in 0..masters {
+        for kind in ["master", "spindle", "transverse", "depth"] {
+            text += &format!("[[board]]\nname = \"{kind}{n}\"\nkind = \"{kind}\"\n");
+        }
+        for slave in ["spindle", "transverse", "depth"] {
+            text += &format!("[[link]]\nends = [\"master{n}.{slave}\", \"{slave}{n}.master\"]\n");
+        }
+    }
+    text
+}
+
 /// A folder of the test's own.
 pub fn folder() -> tempfile::TempDir {
     tempfile::tempdir().unwrap()
