@@ -8,17 +8,23 @@
 
 #[path = "../common/mod.rs"]
 mod common;
+mod lockstep;
+mod masters;
 
 use std::fs;
 use std::path::Path;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use common::{ACK, AT_REST, LONG, Up, XON, folder, json, torno};
+use common::{ACK, AT_REST, LONG, Up, XON, folder, json, rig_of, torno};
+use serde_json::Value;
 use serialport::{FlowControl, SerialPort};
 
 /// Eight characters in, four out on the longest link, one reply: 13 at 9600 baud.
 const WIRE_MS: f64 = 13.0 * 10.0 / 9.6;
+
+/// Character times of one run in lockstep: ten virtual seconds.
+const CHARACTERS: usize = 9600;
 
 struct Effort {
     runs: usize,
@@ -28,6 +34,9 @@ struct Effort {
 }
 
 fn main() {
+    if lockstep::was_peer() {
+        return;
+    }
     let quick = std::env::args().any(|argument| argument == "--quick");
     let effort = if quick {
         Effort { runs: 3, idle: Duration::from_secs(1), motion: Duration::from_secs(2), frames: 40 }
@@ -35,8 +44,11 @@ fn main() {
         Effort { runs: 15, idle: Duration::from_secs(5), motion: Duration::from_secs(10), frames: 200 }
     };
     println!();
-    row("figure", "wanted", "found");
     runs(effort.runs);
+    println!();
+    curve(effort.runs.div_ceil(3));
+    println!();
+    row("figure", "wanted", "found");
     readiness(effort.runs);
     let up = Up::start(&[]);
     load(&up, &effort);
@@ -62,34 +74,105 @@ fn ms(duration: Duration) -> f64 {
 
 // --- torno run ------------------------------------------------------------------------------------------------------
 
+/// A kind of run: its name, what is wanted of it, its arguments, and how often the program is in it.
+type Kind<'a> = (&'a str, &'a str, Vec<&'a str>);
+
+/// Virtual over wall time, whole commands, beside plain lockstep on the same machine at the same time: one of each in
+/// turn, so that whatever else the machine does weighs on all.
 fn runs(n: usize) {
     let folder = folder();
     let long = folder.path().join("ten-times.frames");
     let demonstration = Path::new(env!("CARGO_MANIFEST_DIR")).join("builtin/shaft.frames");
     fs::write(&long, fs::read_to_string(demonstration).unwrap().repeat(10)).unwrap();
     let long = long.to_str().unwrap();
-    run("run, five processes", "1000x", &["run", "--json"], n);
-    run("run, in process", "", &["run", "--json", "--in-process"], n);
-    run("run, ten times the program, processes", "1000x", &["run", "--json", long], n.div_ceil(3));
-    run("run, ten times the program, in process", "", &["run", "--json", "--in-process", long], n.div_ceil(3));
+    let kinds: [Kind<'_>; 4] = [
+        ("run, five processes", "1000x", vec![]),
+        ("run, in process", "", vec!["--in-process"]),
+        ("run, ten times the program, processes", "1000x", vec![long]),
+        ("run, ten times the program, in process", "", vec!["--in-process", long]),
+    ];
+    let mut walls = kinds.each_ref().map(|_| Vec::new());
+    let mut virtual_s = [0.0; 4];
+    let mut lockstep = Vec::new();
+    for _ in 0..n {
+        for (kind, (_, _, arguments)) in kinds.iter().enumerate() {
+            let (wall, summary) = run(arguments);
+            walls[kind].push(wall);
+            virtual_s[kind] = summary["virtual_s"].as_f64().unwrap();
+        }
+        lockstep.push(lockstep::speed(CHARACTERS));
+    }
+    let (slowest, baseline, fastest) = spread(lockstep);
+    println!("{:<38} {:<8} {:>8}  {:>12}  found", "virtual over wall time", "wanted", "found", "of lockstep");
+    let row = |figure: &str, wanted: &str, speed: f64, found: &str| {
+        println!("{figure:<38} {wanted:<8} {speed:>7.0}x  {:>12.1}  {found}", speed / baseline);
+    };
+    let span = CHARACTERS as f64 * 10.0 / 9600.0;
+    row(
+        "lockstep, five processes, no work",
+        "",
+        baseline,
+        &format!("{span:.0} s, {slowest:.0}x to {fastest:.0}x, {n} runs"),
+    );
+    for (((figure, wanted, _), walls), virtual_s) in kinds.iter().zip(walls).zip(virtual_s) {
+        let (min, median, max) = spread(walls);
+        let found = format!("{virtual_s:.0} s in {median:.1} ms ({min:.1} to {max:.1}, {n} runs)");
+        row(figure, wanted, virtual_s * 1e3 / median, &found);
+    }
 }
 
-/// The whole command, as its user waits for it.
-fn run(figure: &str, wanted: &str, arguments: &[&str], n: usize) {
-    let mut virtual_s = 0.0;
-    let once = || {
-        let start = Instant::now();
-        let output = torno(arguments).output().unwrap();
-        let wall = ms(start.elapsed());
-        let summary = json(&output);
-        assert_eq!(summary["outcome"], "completed", "{summary}");
-        virtual_s = summary["virtual_s"].as_f64().unwrap();
-        wall
+/// The whole command, as its user waits for it, in milliseconds; and what it says.
+fn run(arguments: &[&str]) -> (f64, Value) {
+    let start = Instant::now();
+    let output = torno(&[&["run", "--json"], arguments].concat()).output().unwrap();
+    let wall = ms(start.elapsed());
+    let summary = json(&output);
+    assert_eq!(summary["outcome"], "completed", "{summary}");
+    (wall, summary)
+}
+
+/// What a master with three slaves adds to a rig: wall time per virtual second from when all boards stand, and turns of
+/// boards per virtual second. One of each in turn.
+fn curve(n: usize) {
+    let folder = folder();
+    let sizes = [1, 2, 5, 10];
+    let files = sizes.map(|masters| {
+        let path = folder.path().join(format!("{masters}.toml"));
+        fs::write(&path, rig_of(masters)).unwrap();
+        path.to_str().unwrap().to_owned()
+    });
+    let measured = |arguments: &[&str]| {
+        let (_, summary) = run(arguments);
+        let stats = &summary["stats"];
+        let number = |name: &str| stats[name].as_f64().unwrap();
+        let wall_us = (number("waiting_s") + number("own_s")) * 1e6;
+        (wall_us / summary["virtual_s"].as_f64().unwrap(), number("turns_per_virtual_s"), number("starting_s") * 1e3)
     };
-    let (min, median, max) = spread(std::iter::repeat_with(once).take(n).collect());
-    let speed = virtual_s * 1e3 / median;
-    let found = format!("{speed:.0}x  {virtual_s:.0} s in {median:.1} ms ({min:.1} to {max:.1}, {n} runs)");
-    row(figure, wanted, &found);
+    let mut found = sizes.map(|_| [const { Vec::new() }; 3]);
+    for _ in 0..n {
+        for (size, masters) in sizes.into_iter().enumerate() {
+            found[size][0].push(measured(&["--stats", &files[size]]));
+            found[size][1].push(measured(&["--stats", "--in-process", &files[size]]));
+            let masters::Cost { virtual_s, wall, turns } = masters::all_at_work(masters);
+            found[size][2].push((wall.as_secs_f64() * 1e6 / virtual_s, turns as f64 / virtual_s, 0.0));
+        }
+    }
+    let [idle, in_process, at_work] = ["one at work, processes", "one at work, in process", "all at work, in process"];
+    println!("{:<17}{idle:>35}{in_process:>31}{at_work:>40}", "us/virtual s");
+    print!("{:<8} {:>7} ", "masters", "boards");
+    println!(
+        "{:>11} {:>9} {:>12} {:>18} {:>11} {:>17} {:>9} {:>11}",
+        "us", "turns/s", "start in ms", "us", "turns/s", "us", "per board", "turns/s"
+    );
+    for (masters, found) in sizes.into_iter().zip(found) {
+        let boards = 4 * masters;
+        let median =
+            |of: &[(f64, f64, f64)], part: fn(&(f64, f64, f64)) -> f64| spread(of.iter().map(part).collect()).1;
+        let [(a, ta, start), (b, tb, _), (c, tc, _)] =
+            found.each_ref().map(|of| (median(of, |x| x.0), median(of, |x| x.1), median(of, |x| x.2)));
+        print!("{masters:<8} {boards:>7} {a:>11.1} {ta:>9.2} {start:>12.1} {b:>18.1} {tb:>11.2} ");
+        println!("{c:>17.1} {:>9.2} {tc:>11.2}", c / boards as f64);
+    }
 }
 
 // --- torno up -------------------------------------------------------------------------------------------------------
