@@ -1,7 +1,7 @@
 //! What a rig of several masters with three slaves each costs, as their number grows.
 //!
-//! A rig has one PC, so in `torno run` one master works and the others idle. What many that work cost the time engine is
-//! measured on the engine itself, in this process: each master has a PC of its own and plays the same program, each
+//! A rig has one PC, so in `torno run` one master works and the others idle. What many that work cost the time engine
+//! is measured on the engine itself, in this process: each master has a PC of its own and plays the same program, each
 //! a little later than the one before, so that they need their turns at different times.
 
 use std::time::{Duration, Instant as WallInstant};
