@@ -179,7 +179,7 @@ impl<B: Board> Cell<B> {
         }
         while let Some((port, receiver)) = self.board.poll_receiver() {
             if let Some(present) = self.receivers.get_mut(usize::from(port)) {
-                present.replace_by(receiver, at);
+                present.replace_by(&receiver, at);
             }
         }
     }

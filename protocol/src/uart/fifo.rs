@@ -20,6 +20,11 @@ impl Fifo {
         }
     }
 
+    /// Whether there is nothing to fetch.
+    pub const fn is_empty(&self) -> bool {
+        self.slots[0].is_none()
+    }
+
     /// What the firmware fetches next. After a loss every character carries the overrun flag until the buffer has been
     /// emptied: OERR can be read before a character is fetched, so none of them need be trusted.
     pub fn pop(&mut self) -> Option<Character> {

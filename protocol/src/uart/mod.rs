@@ -49,6 +49,7 @@ impl Character {
 /// All links of a board share the ticks; each is served a little later than the one before it.
 #[derive(Clone, Copy, Debug)]
 pub struct TickTimer {
+    baud: Rate,
     ticks: Ticks,
     per_bit: u64,
 }
@@ -64,7 +65,13 @@ impl TickTimer {
     /// A timer for links at `baud`, counting in `clock`, started with the rig.
     pub fn new(baud: Rate, clock: Clock) -> Self {
         let ticks = Ticks::new(Instant::START, baud.times(Self::TICKS_PER_BIT), clock);
-        Self { ticks, per_bit: Self::TICKS_PER_BIT }
+        Self { baud, ticks, per_bit: Self::TICKS_PER_BIT }
+    }
+
+    /// Counts in `clock` from now on: the tick that is set stays, those after it follow in the new rhythm.
+    pub fn retune(&mut self, now: Instant, clock: Clock) {
+        let set = self.ticks.at(self.ticks.first_from(now));
+        self.ticks = Self::new(self.baud, clock).ticks.from(set);
     }
 
     /// The latency with which the `n`-th link served by this timer is reached.

@@ -17,6 +17,10 @@ use crate::uart::{BITS_PER_CHARACTER, Character};
 #[derive(Clone, Debug)]
 pub struct Receiver {
     ticks: Ticks,
+    /// The ticks before those, as long as they can matter.
+    older: Vec<Tuning>,
+    /// The least lookahead of the tunings that have been forgotten since the last edge.
+    least_lookahead: Span,
     latency: Span,
     per_bit: u64,
     /// The ticks within a bit cell at which the line is read; the majority wins.
@@ -30,9 +34,18 @@ pub struct Receiver {
     taken: Option<Attempt>,
 }
 
+/// The ticks by which start edges before an instant are followed up.
+#[derive(Clone, Copy, Debug)]
+struct Tuning {
+    before: Instant,
+    ticks: Ticks,
+}
+
 /// A start edge that was followed up, given the edges known.
 #[derive(Clone, Copy, Debug)]
 struct Attempt {
+    /// The start edge.
+    fall: Instant,
     /// An edge before this instant can still change the outcome.
     until: Instant,
     /// When the character is handed over, or would be, had the start bit held.
@@ -70,6 +83,8 @@ impl Receiver {
     fn new(ticks: Ticks, latency: Span, per_bit: u64, votes: &'static [u64], buffered: bool) -> Self {
         Self {
             ticks,
+            older: Vec::new(),
+            least_lookahead: Span::from_nanos(u64::MAX),
             latency,
             per_bit,
             votes,
@@ -81,12 +96,42 @@ impl Receiver {
         }
     }
 
-    /// Gives way to a receiver at another speed, which hears the same line from `now` on. A character that is being
-    /// received is lost.
-    pub fn replace_by(&mut self, other: Self, now: Instant) {
-        let line = core::mem::take(&mut self.line);
-        *self = Self { line, search_from: now, ..other };
+    /// Gives way to a receiver of the same kind at another speed, which hears the same line from `now` on. A character
+    /// that is being received is lost.
+    pub fn replace_by(&mut self, other: &Self, now: Instant) {
+        self.attempts.clear();
+        self.search_from = now;
+        self.tune(other.ticks, now);
         self.follow_up();
+    }
+
+    /// Follows up start edges from `now` on as `other`, of the same kind, would. A character that is being received
+    /// is received to its end as it was begun.
+    pub fn retune(&mut self, other: &Self, now: Instant) {
+        if other.ticks == self.ticks {
+            return;
+        }
+        while self.attempts.back().is_some_and(|attempt| attempt.fall >= now) {
+            self.attempts.pop_back();
+        }
+        self.tune(other.ticks, now);
+        self.follow_up();
+    }
+
+    fn tune(&mut self, ticks: Ticks, now: Instant) {
+        // Whoever hears of an edge that far back goes back himself, to a state from before `now`.
+        let recent = now - self.lookahead().times(2);
+        while self.older.first().is_some_and(|oldest| oldest.before <= recent && self.has_done_with(oldest)) {
+            let oldest = self.older.remove(0);
+            self.least_lookahead = self.least_lookahead.min(self.lookahead_at(oldest.ticks));
+        }
+        self.older.push(Tuning { before: now, ticks: self.ticks });
+        self.ticks = ticks;
+    }
+
+    /// No character is being received by these ticks.
+    fn has_done_with(&self, tuning: &Tuning) -> bool {
+        self.attempts.front().is_none_or(|first| first.fall >= tuning.before)
     }
 
     /// Whether characters are received by hardware while the firmware does not run.
@@ -97,6 +142,7 @@ impl Receiver {
     /// Hears edges, in order.
     pub fn hear(&mut self, edges: &[Edge]) {
         let Some(first) = edges.first() else { return };
+        self.forget_tunings(first.at);
         self.forget_before(first.at);
         self.reconsider(first.at);
         edges.iter().for_each(|edge| self.line.push(*edge));
@@ -144,8 +190,25 @@ impl Receiver {
 
     /// The least time between a start edge and the character it starts: 9.5 bit times or a little less.
     pub fn lookahead(&self) -> Span {
+        let older = self.older.iter().map(|tuning| self.lookahead_at(tuning.ticks));
+        older.fold(self.lookahead_at(self.ticks).min(self.least_lookahead), Span::min)
+    }
+
+    fn lookahead_at(&self, ticks: Ticks) -> Span {
         // One nanosecond for the rounding of ticks.
-        Span::from_nanos(self.ticks.span(self.last_sample()).as_nanos().saturating_sub(1))
+        Span::from_nanos(ticks.span(self.last_sample()).as_nanos().saturating_sub(1))
+    }
+
+    /// Nothing that is still to be heard lies before `at`.
+    fn forget_tunings(&mut self, at: Instant) {
+        while let Some(oldest) = self.older.first() {
+            // A cut can still come in the character that was under way.
+            if oldest.before + self.lookahead_at(oldest.ticks).times(2) > at || !self.has_done_with(oldest) {
+                return;
+            }
+            self.older.remove(0);
+        }
+        self.least_lookahead = Span::from_nanos(u64::MAX);
     }
 
     fn last_sample(&self) -> u64 {
@@ -178,22 +241,24 @@ impl Receiver {
     fn follow_up(&mut self) {
         let mut from = self.attempts.back().map_or(self.search_from, |attempt| attempt.until);
         while let Some(fall) = self.line.falling_from(from) {
-            let start = self.tick_from(fall);
-            let seen = self.instant(start);
+            let ticks = self.ticks_at(fall);
+            let start = ticks.first_from(fall - self.latency);
+            let seen = self.instant(&ticks, start);
             if self.line.level_at(seen) == Level::High {
                 // Shorter than a tick: never seen.
                 from = fall.next();
                 continue;
             }
-            let delivery = self.instant(start + self.last_sample());
-            let attempt = if self.level(start, 0) == Level::Low {
-                let byte = (1..=8).rev().fold(0, |byte, bit| byte << 1 | (self.level(start, bit) == Level::High) as u8);
-                let framing_error = self.level(start, 9) == Level::Low;
+            let delivery = self.instant(&ticks, start + self.last_sample());
+            let level = |cell| self.level(&ticks, start, cell);
+            let attempt = if level(0) == Level::Low {
+                let byte = (1..=8).rev().fold(0, |byte, bit| byte << 1 | (level(bit) == Level::High) as u8);
+                let framing_error = level(9) == Level::Low;
                 let character = Character { byte, framing_error, overrun: false };
-                Attempt { until: delivery, delivery, character: Some(character) }
+                Attempt { fall, until: delivery, delivery, character: Some(character) }
             } else {
-                let checked = self.instant(start + self.votes.last().copied().unwrap_or(0));
-                Attempt { until: checked, delivery, character: None }
+                let checked = self.instant(&ticks, start + self.votes.last().copied().unwrap_or(0));
+                Attempt { fall, until: checked, delivery, character: None }
             };
             self.attempts.push_back(attempt);
             from = attempt.until;
@@ -201,18 +266,20 @@ impl Receiver {
     }
 
     /// The majority of the readings in bit cell `cell` of a character that started at tick `start`.
-    fn level(&self, start: u64, cell: u64) -> Level {
-        let read = |vote: &&u64| self.line.level_at(self.instant(start + cell * self.per_bit + **vote)) == Level::High;
+    fn level(&self, ticks: &Ticks, start: u64, cell: u64) -> Level {
+        let tick = |vote: u64| self.instant(ticks, start + cell * self.per_bit + vote);
+        let read = |vote: &&u64| self.line.level_at(tick(**vote)) == Level::High;
         let high = self.votes.iter().filter(read).count();
         if 2 * high > self.votes.len() { Level::High } else { Level::Low }
     }
 
-    fn instant(&self, tick: u64) -> Instant {
-        self.ticks.at(tick) + self.latency
+    fn instant(&self, ticks: &Ticks, tick: u64) -> Instant {
+        ticks.at(tick) + self.latency
     }
 
-    fn tick_from(&self, t: Instant) -> u64 {
-        self.ticks.first_from(t - self.latency)
+    /// The ticks by which a start edge at `fall` is followed up.
+    fn ticks_at(&self, fall: Instant) -> Ticks {
+        self.older.iter().find(|tuning| fall < tuning.before).map_or(self.ticks, |tuning| tuning.ticks)
     }
 }
 

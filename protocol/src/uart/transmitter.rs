@@ -50,7 +50,12 @@ impl Transmitter {
 
     /// Changes the speed from the next character on.
     pub fn retune(&mut self, baud: Rate, clock: Clock) {
-        self.pacing = Pacing::Hardware { bits: Ticks::new(Instant::START, baud, clock) };
+        self.keep_pace_with(&Self::hardware(baud, clock));
+    }
+
+    /// Paces characters as `other` does, from the next one on.
+    pub const fn keep_pace_with(&mut self, other: &Self) {
+        self.pacing = other.pacing;
     }
 
     /// Queues a byte.
