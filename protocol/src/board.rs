@@ -11,8 +11,9 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::clock::Clock;
 use crate::line::Edge;
-use crate::time::Instant;
+use crate::time::{Instant, Span};
 use crate::uart::{Character, Receiver};
 
 /// A board: firmware, UARTs and, where it drives a motor, the plant.
@@ -23,13 +24,14 @@ pub trait Board: Clone {
     /// What the board consists of, seen from outside. The same for the board's whole life.
     fn description(&self) -> Description;
 
-    /// The receiver of each port, in the order of [`Description::ports`], as at power-on.
+    /// The receiver of each port, in the order of [`Description::ports`], as it hears from now on. Asked for at the
+    /// start, at power-on, and after [`Stimulus::Clock`].
     fn receivers(&self) -> Vec<Receiver>;
 
     /// Something reached the board.
     fn handle_input(&mut self, now: Instant, input: Input);
 
-    /// A deadline that [`Board::poll_timeout`] gave is due. After a hang, `now` can be later than the deadline.
+    /// A deadline that [`Board::poll_timeout`] gave is due. `now` can be later: after a hang, or if firmware is slow.
     fn handle_timeout(&mut self, now: Instant);
 
     /// The next thing that the board does, at the instant of the last `handle_…` call.
@@ -74,7 +76,7 @@ pub enum Input {
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Stimulus {
     /// The firmware stops running (`true`) or runs on. Hardware receivers, outputs and the plant are not affected.
-    /// The stepping loop sees to it; boards are not told.
+    /// The stepping loop sees to it; boards are not told. Power-on ends every hang.
     Hang(bool),
     /// The firmware starts anew. The plant stays where it is.
     Reset,
@@ -91,6 +93,36 @@ pub enum Stimulus {
         /// `XOFF` stops the transmitter, `XON` starts it.
         ixon: bool,
     },
+    /// The supply is gone (`false`) or back. Without it lines are idle from that instant on, nothing is received, no
+    /// firmware runs and drives are off; plants coast. With it the firmware starts anew, as after a
+    /// [`Stimulus::Reset`], and whatever it counted counts from 0 again. What is so already stays as it is.
+    ///
+    /// The stepping loop sees to the lines and to the silence. Boards are told, for their firmware and plants; what
+    /// they put out besides telemetry does not leave them. Without supply a board is told of nothing but what
+    /// happens to its plant, its oscillator and its settings.
+    Power(bool),
+    /// The firmware is busy for so long after each character and each deadline that it handles; zero heals.
+    ///
+    /// Meanwhile characters wait: two in the FIFO of a hardware UART, which overruns then; one in the variable of a
+    /// software UART, whose interrupt still samples, and which the next character overwrites untold. (Ours.) Deadlines
+    /// are late. The stepping loop sees to it; boards are not told.
+    Slow(Span),
+    /// The oscillator has this error from now on. UARTs keep to the old one up to the end of the character under way,
+    /// timers up to the deadline that is set.
+    Clock(Clock),
+    /// The encoder at once loses (negative) or invents (positive) so many counts, in the sense in which it counted
+    /// last. The firmware finds out when it next looks. Boards without an encoder ignore it.
+    Counts(i32),
+    /// A load on the motor's shaft that opposes motion in either sense and never causes any, in per mille of the torque
+    /// at standstill with full drive and nominal supply; 0 (and below) is none. Boards without a motor ignore it.
+    Load(i32),
+    /// The motor's supply, in per mille of nominal; 1000 heals. Boards without a motor ignore it.
+    Supply(u16),
+    /// Dead travel between an axis's motor and its carriage, in counts of its encoder; 0 heals. Others ignore it.
+    Backlash(u16),
+    /// Something hard (a chip, a clamp) stops an axis's carriage so many counts from mid-travel, on the side given by
+    /// the sign; one that is beyond it already, where it stands. One a side; 0 removes both. Others ignore it.
+    EndStop(i32),
 }
 
 /// What a board does.

@@ -10,7 +10,7 @@ const GIGA: u128 = 1_000_000_000;
 ///
 /// The error is in parts per billion and lies within ±[`Clock::MAX_ERROR_PPB`]. Positive is fast: the board's second
 /// is shorter than a true one. A crystal stays within about 100 ppm, a PIC's RC oscillator within a few percent.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Clock {
     error_ppb: i32,
 }

@@ -1,12 +1,13 @@
 //! The infeed axis's board (§4): a slow motor that is switched on and off.
 
 use serde::{Deserialize, Serialize};
+use torno_protocol::board::Stimulus;
 use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{DepthPart, Fault, Refusal};
 use torno_protocol::time::Instant;
 
 use crate::control::OnOff;
-use crate::encoder::Encoder;
+use crate::encoder::{Counter, Encoder};
 use crate::plant::PositionMotor;
 use crate::settings::within;
 use crate::slave::{Machine, Progress, Slave};
@@ -75,7 +76,7 @@ impl DepthSettings {
 /// The infeed axis's board.
 ///
 /// It executes a sub-frame until the drive is off and the axis has been within one slot of its target for four polls.
-pub type Depth = Slave<DepthMachine, { DepthPart::LENGTH }, 3>;
+pub type Depth = Slave<DepthMachine, { DepthPart::LENGTH }, 4>;
 
 impl Depth {
     /// The board as at power-on: the slide stands in mid-travel.
@@ -89,7 +90,11 @@ impl Depth {
 pub struct DepthMachine {
     motor: PositionMotor,
     speed_mm_per_s: f64,
+    /// Along the slide (§4: linear, 900 slots in 160 mm), so that it sees what the slide does, backlash and all.
     encoder: Encoder,
+    counter: Counter,
+    /// Where the slide was when the firmware last counted, by the true count.
+    carriage: i64,
     firmware: Firmware,
 }
 
@@ -148,10 +153,14 @@ impl Firmware {
 
 impl DepthMachine {
     fn new(settings: &DepthSettings) -> Self {
+        let speed_mm_per_s = settings.speed_mm_per_s();
+        let encoder = Encoder::new(settings.slots_per_mm());
         Self {
-            motor: PositionMotor::new(settings.tau_s, settings.length_mm / 2.0),
-            speed_mm_per_s: settings.speed_mm_per_s(),
-            encoder: Encoder::new(settings.slots_per_mm()),
+            motor: PositionMotor::new(settings.tau_s, speed_mm_per_s, settings.length_mm / 2.0),
+            speed_mm_per_s,
+            encoder,
+            counter: Counter::new(encoder),
+            carriage: 0,
             firmware: Firmware::new(settings),
         }
     }
@@ -159,7 +168,8 @@ impl DepthMachine {
     fn advance(&mut self, now: Instant) -> bool {
         self.motor.advance(now);
         let before = self.firmware.count;
-        self.firmware.count = self.encoder.count(self.motor.position());
+        self.carriage = self.encoder.count(self.motor.carriage());
+        self.firmware.count = self.counter.count(self.motor.carriage());
         self.firmware.count != before
     }
 
@@ -168,11 +178,12 @@ impl DepthMachine {
     }
 }
 
-impl Machine<{ DepthPart::LENGTH }, 3> for DepthMachine {
-    const SIGNALS: [&'static str; 3] = ["position_counts", "remaining_counts", "drive"];
+impl Machine<{ DepthPart::LENGTH }, 4> for DepthMachine {
+    const SIGNALS: [&'static str; 4] = ["position_counts", "remaining_counts", "drive", "carriage_offset_counts"];
 
-    fn values(&self) -> [i64; 3] {
-        [self.firmware.count, self.firmware.remaining(), self.firmware.law.drive()]
+    fn values(&self) -> [i64; 4] {
+        let offset = self.carriage.saturating_sub(self.firmware.count);
+        [self.firmware.count, self.firmware.remaining(), self.firmware.law.drive(), offset]
     }
 
     fn start(&mut self, now: Instant, part: [u8; DepthPart::LENGTH]) -> Result<(), Refusal> {
@@ -206,6 +217,24 @@ impl Machine<{ DepthPart::LENGTH }, 3> for DepthMachine {
         self.motor.block(blocked);
     }
 
+    fn disturb(&mut self, now: Instant, stimulus: &Stimulus) {
+        self.motor.advance(now);
+        match stimulus {
+            Stimulus::Counts(counts) => self.counter.invent(self.motor.carriage(), *counts),
+            Stimulus::Load(per_mille) => self.motor.set_load(*per_mille),
+            Stimulus::Supply(per_mille) => self.motor.set_supply(*per_mille),
+            Stimulus::Backlash(counts) => self.motor.set_backlash(self.encoder.way(i32::from(*counts))),
+            Stimulus::EndStop(counts) => self.motor.set_stop(self.encoder.way(*counts)),
+            _ => {}
+        }
+    }
+
+    fn power(&mut self, now: Instant) {
+        self.motor.advance(now);
+        self.counter.restart(self.motor.carriage());
+        self.reset(now);
+    }
+
     fn reset(&mut self, now: Instant) {
         self.advance(now);
         self.firmware.switch_off();
@@ -213,6 +242,6 @@ impl Machine<{ DepthPart::LENGTH }, 3> for DepthMachine {
     }
 
     fn is_at_rest(&self) -> bool {
-        self.firmware.law.drive() == 0 && self.encoder.count(self.motor.coast_end()) == self.firmware.count
+        self.firmware.law.drive() == 0 && self.counter.count_at(self.motor.carriage_coast_end()) == self.firmware.count
     }
 }

@@ -20,6 +20,55 @@ impl Encoder {
     pub(crate) fn count(self, position: f64) -> i64 {
         (position * self.slots_per_unit + 0.5).floor() as i64
     }
+
+    /// What so many counts are in units of position.
+    pub(crate) fn way(self, counts: i32) -> f64 {
+        f64::from(counts) / self.slots_per_unit
+    }
+}
+
+/// The firmware's count of what an encoder shows: it can be wrong, and is lost with the supply.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Counter {
+    encoder: Encoder,
+    /// What the firmware counts beyond what the encoder shows.
+    skew: i64,
+    shown: i64,
+    /// The sense in which it counted last.
+    sense: i64,
+}
+
+impl Counter {
+    pub(crate) const fn new(encoder: Encoder) -> Self {
+        Self { encoder, skew: 0, shown: 0, sense: 1 }
+    }
+
+    /// Follows the encoder to `position`; gives the count.
+    pub(crate) fn count(&mut self, position: f64) -> i64 {
+        let shown = self.encoder.count(position);
+        if shown != self.shown {
+            self.sense = (shown - self.shown).signum();
+        }
+        self.shown = shown;
+        self.shown.saturating_add(self.skew)
+    }
+
+    /// What the count would be at `position`.
+    pub(crate) fn count_at(&self, position: f64) -> i64 {
+        self.encoder.count(position).saturating_add(self.skew)
+    }
+
+    /// Counts so many more in the sense in which it counted last; fewer if negative.
+    pub(crate) fn invent(&mut self, position: f64, counts: i32) {
+        self.count(position);
+        self.skew = self.skew.saturating_add(self.sense * i64::from(counts));
+    }
+
+    /// Counts from 0 again.
+    pub(crate) fn restart(&mut self, position: f64) {
+        self.count(position);
+        self.skew = -self.shown;
+    }
 }
 
 #[cfg(test)]
@@ -31,6 +80,20 @@ mod tests {
         let encoder = Encoder::new(50.0);
         let counts = [-0.031, -0.029, -0.011, 0.0, 0.009, 0.011, 0.029, 0.031].map(|at| encoder.count(at));
         assert_eq!(counts, [-2, -1, -1, 0, 0, 1, 1, 2]);
+    }
+
+    #[test]
+    fn a_counter_is_wrong_in_the_sense_in_which_it_counts() {
+        let mut counter = Counter::new(Encoder::new(1.0));
+        counter.count(100.0);
+        counter.invent(100.0, -3);
+        assert_eq!(counter.count(110.0), 107);
+        // Downwards, one that loses counts is too high.
+        counter.count(90.0);
+        counter.invent(80.0, -5);
+        assert_eq!((counter.count(80.0), counter.count_at(100.0)), (82, 102));
+        counter.restart(70.0);
+        assert_eq!(counter.count(75.0), 5);
     }
 
     /// §4: 50 pulses a revolution counted for 30 ms make 40 rpm a count.

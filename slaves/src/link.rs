@@ -77,6 +77,10 @@ enum State {
     Faulted(Fault),
 }
 
+fn gap(clock: Clock) -> Span {
+    clock.span(CHARACTER.times(GAP_CHARACTERS))
+}
+
 /// The slave's end of the link, for sub-frames of `N` bytes.
 #[derive(Clone, Debug)]
 pub(crate) struct Link<const N: usize> {
@@ -84,7 +88,8 @@ pub(crate) struct Link<const N: usize> {
     state: State,
     part: [u8; N],
     length: usize,
-    heard_at: Instant,
+    /// After the last character: the silence that separates sub-frames is over.
+    gap_at: Instant,
     /// Something was out of place: until the next gap nobody knows where a sub-frame would start.
     out_of_step: bool,
     transmitter: Transmitter,
@@ -95,11 +100,11 @@ impl<const N: usize> Link<N> {
     /// An idle link of a slave whose clock is `clock`.
     pub(crate) fn new(clock: Clock) -> Self {
         Self {
-            gap: clock.span(CHARACTER.times(GAP_CHARACTERS)),
+            gap: gap(clock),
             state: State::Faulted(Fault::Restarted),
             part: [0; N],
             length: 0,
-            heard_at: Instant::START,
+            gap_at: Instant::START,
             out_of_step: false,
             transmitter: Transmitter::hardware(RATE, clock),
             events: VecDeque::new(),
@@ -117,10 +122,10 @@ impl<const N: usize> Link<N> {
 
     /// Takes a character; gives the sub-frame that is complete with it.
     pub(crate) fn receive(&mut self, now: Instant, character: Character) -> Option<[u8; N]> {
-        if now > self.heard_at + self.gap {
+        if now > self.gap_at {
             self.gap_passed();
         }
-        self.heard_at = now;
+        self.gap_at = now + self.gap;
         let Some(byte) = character.ok() else {
             self.tell(if character.framing_error { Event::FramingError } else { Event::Overrun }, 0);
             return self.lose_step();
@@ -176,15 +181,28 @@ impl<const N: usize> Link<N> {
         self.tell(Event::Reset, 0);
     }
 
+    /// The supply goes or comes: the firmware starts anew, and no character is on the line.
+    pub(crate) fn power(&mut self, clock: Clock) {
+        let events = core::mem::take(&mut self.events);
+        *self = Self { events, ..Self::new(clock) };
+        self.tell(Event::Reset, 0);
+    }
+
+    /// Counts in `clock` from the next character on.
+    pub(crate) fn retune(&mut self, clock: Clock) {
+        self.gap = gap(clock);
+        self.transmitter.retune(RATE, clock);
+    }
+
     /// When the silence in a sub-frame has been too long, or the next character can be sent.
     pub(crate) fn poll_timeout(&self) -> Option<(Instant, &'static str)> {
-        let gap = (self.length > 0).then_some((self.heard_at + self.gap, "gap in a sub-frame"));
+        let gap = (self.length > 0).then_some((self.gap_at, "gap in a sub-frame"));
         let send = self.transmitter.poll_timeout().map(|at| (at, "transmitter free"));
         gap.into_iter().chain(send).reduce(|a, b| if b.0 < a.0 { b } else { a })
     }
 
     pub(crate) fn handle_timeout(&mut self, now: Instant) {
-        if self.length > 0 && now >= self.heard_at + self.gap {
+        if self.length > 0 && now >= self.gap_at {
             self.gap_passed();
         }
     }

@@ -8,6 +8,7 @@ use torno_protocol::time::Instant;
 /// The grid is fixed: stopping and starting again does not shift it, and ticks that were missed are lost.
 #[derive(Clone, Debug)]
 pub(crate) struct Schedule {
+    rate: Rate,
     ticks: Ticks,
     next: Option<(u64, Instant)>,
 }
@@ -16,7 +17,14 @@ impl Schedule {
     /// A stopped timer of `period_ms` milliseconds in `clock`.
     pub(crate) fn new(period_ms: u32, clock: Clock) -> Self {
         let rate = Rate::fraction(1_000, u64::from(period_ms));
-        Self { ticks: Ticks::new(Instant::START, rate, clock), next: None }
+        Self { rate, ticks: Ticks::new(Instant::START, rate, clock), next: None }
+    }
+
+    /// Counts in `clock` from the tick on that is to come.
+    pub(crate) fn retune(&mut self, now: Instant, clock: Clock) {
+        let coming = self.next.unwrap_or_else(|| self.first_from(now)).1;
+        self.ticks = Ticks::new(coming, self.rate, clock);
+        self.next = self.next.map(|_| (0, coming));
     }
 
     /// Runs from the first tick at or after `now` on, if it was stopped.

@@ -33,6 +33,12 @@ pub trait Machine<const N: usize, const S: usize>: Clone + Debug {
     /// The shaft is blocked or free again.
     fn stall(&mut self, now: Instant, blocked: bool);
 
+    /// Something happens to the encoder, the motor or the axis.
+    fn disturb(&mut self, now: Instant, stimulus: &Stimulus);
+
+    /// The supply goes or comes: as a reset, but the firmware counts from 0 again.
+    fn power(&mut self, now: Instant);
+
     /// The firmware starts anew. The plant stays as it is, but for the drive, which is off.
     fn reset(&mut self, now: Instant);
 
@@ -93,8 +99,34 @@ impl<M: Machine<N, S>, const N: usize, const S: usize> Slave<M, N, S> {
                 self.machine.reset(now);
                 self.link.reset();
             }
-            // The stepping loop sees to hangs; the others are for PCs.
-            Stimulus::Hang(_) | Stimulus::Write(_) | Stimulus::Discard | Stimulus::Configure { .. } => {}
+            Stimulus::Power(_) => {
+                self.machine.power(now);
+                self.link.power(self.clock);
+                self.schedule.stop();
+                self.sample_unless_at_rest(now);
+            }
+            Stimulus::Clock(clock) => {
+                self.clock = *clock;
+                self.link.retune(*clock);
+                self.schedule.retune(now, *clock);
+            }
+            Stimulus::Counts(_)
+            | Stimulus::Load(_)
+            | Stimulus::Supply(_)
+            | Stimulus::Backlash(_)
+            | Stimulus::EndStop(_) => {
+                self.machine.disturb(now, stimulus);
+                self.sample_unless_at_rest(now);
+            }
+            // The stepping loop sees to the first two; the others are for PCs.
+            Stimulus::Hang(_) | Stimulus::Slow(_) => {}
+            Stimulus::Write(_) | Stimulus::Discard | Stimulus::Configure { .. } => {}
+        }
+    }
+
+    fn sample_unless_at_rest(&mut self, now: Instant) {
+        if !self.machine.is_at_rest() {
+            self.schedule.start(now);
         }
     }
 

@@ -1,12 +1,13 @@
 //! The main motor's board (§4, Eq. 1 to 7): speed counted in windows, a lead compensator, a PWM of 10 bits.
 
 use serde::{Deserialize, Serialize};
+use torno_protocol::board::Stimulus;
 use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{Fault, Refusal, SpindlePart};
 use torno_protocol::time::Instant;
 
 use crate::control::Lead;
-use crate::encoder::Encoder;
+use crate::encoder::{Counter, Encoder};
 use crate::plant::SpeedMotor;
 use crate::settings::within;
 use crate::slave::{Machine, Progress, Slave};
@@ -82,7 +83,7 @@ impl Spindle {
 #[derive(Clone, Debug)]
 pub struct SpindleMachine {
     motor: SpeedMotor,
-    encoder: Encoder,
+    counter: Counter,
     firmware: Firmware,
 }
 
@@ -128,8 +129,9 @@ impl Firmware {
 
     /// A window ends with the encoder at `count`.
     fn count(&mut self, count: i64) {
-        let pulses = count.saturating_sub(self.count);
-        self.count = count;
+        // It counts pulses, not which way: where some are lost, those that come next make up for them. (Ours.)
+        let pulses = count.saturating_sub(self.count).max(0);
+        self.count = self.count.saturating_add(pulses);
         self.newest = (self.newest + 1) % MEAN_OF;
         self.sum += pulses - self.windows[self.newest];
         self.windows[self.newest] = pulses;
@@ -175,15 +177,15 @@ impl Firmware {
 impl SpindleMachine {
     fn new(settings: &SpindleSettings) -> Self {
         Self {
-            motor: SpeedMotor::new(settings.km_rad_per_s_volt, settings.tau_s),
-            encoder: Encoder::new(PULSES_PER_REV),
+            motor: SpeedMotor::new(settings.km_rad_per_s_volt, settings.tau_s, settings.supply_v),
+            counter: Counter::new(Encoder::new(PULSES_PER_REV)),
             firmware: Firmware::new(settings),
         }
     }
 
     fn advance(&mut self, now: Instant) -> i64 {
         self.motor.advance(now);
-        self.encoder.count(self.motor.angle_rev())
+        self.counter.count(self.motor.angle_rev())
     }
 }
 
@@ -204,9 +206,9 @@ impl Machine<{ SpindlePart::LENGTH }, 4> for SpindleMachine {
     fn sample(&mut self, now: Instant, busy: bool) -> Progress {
         let count = self.advance(now);
         self.firmware.count(count);
-        // While it regulates, only a shaft that somebody has blocked stands still; the detector speaks for no other
-        // reason, whatever the settings. (Ours.)
-        if self.firmware.is_stalled(busy || self.motor.is_blocked()) {
+        // While it regulates, only a shaft that somebody has blocked, or loaded beyond what the motor can do, stands
+        // still; the detector speaks for no other reason, whatever the settings. (Ours.)
+        if self.firmware.is_stalled(busy || self.motor.is_held()) {
             self.firmware.switch_off();
             self.motor.drive(0.0);
             return Progress::Failed(Fault::Stalled);
@@ -219,6 +221,22 @@ impl Machine<{ SpindlePart::LENGTH }, 4> for SpindleMachine {
     fn stall(&mut self, now: Instant, blocked: bool) {
         self.motor.advance(now);
         self.motor.block(blocked);
+    }
+
+    fn disturb(&mut self, now: Instant, stimulus: &Stimulus) {
+        self.motor.advance(now);
+        match stimulus {
+            Stimulus::Counts(counts) => self.counter.invent(self.motor.angle_rev(), *counts),
+            Stimulus::Load(per_mille) => self.motor.set_load(*per_mille),
+            Stimulus::Supply(per_mille) => self.motor.set_supply(*per_mille),
+            _ => {}
+        }
+    }
+
+    fn power(&mut self, now: Instant) {
+        self.motor.advance(now);
+        self.counter.restart(self.motor.angle_rev());
+        self.reset(now);
     }
 
     fn reset(&mut self, now: Instant) {
@@ -235,11 +253,11 @@ impl Machine<{ SpindlePart::LENGTH }, 4> for SpindleMachine {
         firmware.set_point_rpm == 0
             && firmware.drive == 0
             && firmware.windows == [0; MEAN_OF]
-            && self.encoder.count(self.motor.coast_end_rev()) == firmware.count
+            && self.counter.count_at(self.motor.coast_end_rev()) <= firmware.count
     }
 
     fn is_on_watch(&self) -> bool {
-        self.motor.is_blocked() && self.firmware.set_point_rpm != 0
+        self.motor.is_held() && self.firmware.set_point_rpm != 0
     }
 }
 

@@ -1,12 +1,13 @@
 //! The feed axis's board (§4, Eq. 8 to 15): a set point that moves along a trapezoid, and a PID that follows it.
 
 use serde::{Deserialize, Serialize};
+use torno_protocol::board::Stimulus;
 use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{Fault, Refusal, TransversePart};
 use torno_protocol::time::Instant;
 
 use crate::control::{Gains, Pid, Profile};
-use crate::encoder::Encoder;
+use crate::encoder::{Counter, Encoder};
 use crate::plant::PositionMotor;
 use crate::settings::within;
 use crate::slave::{Machine, Progress, Slave};
@@ -87,7 +88,7 @@ impl TransverseSettings {
 ///
 /// It executes a sub-frame until the set point has arrived and the axis has been within one count of it for four
 /// samples; then it holds the axis there.
-pub type Transverse = Slave<TransverseMachine, { TransversePart::LENGTH }, 3>;
+pub type Transverse = Slave<TransverseMachine, { TransversePart::LENGTH }, 4>;
 
 impl Transverse {
     /// The board as at power-on: the carriage stands in mid-travel.
@@ -101,7 +102,11 @@ impl Transverse {
 pub struct TransverseMachine {
     motor: PositionMotor,
     counts_per_s_per_lsb: f64,
+    /// On the motor's shaft (§4: 900 slots a revolution), so that it does not see backlash.
     encoder: Encoder,
+    counter: Counter,
+    /// Where the carriage was when the firmware last counted, by the true count.
+    carriage: i64,
     firmware: Firmware,
 }
 
@@ -185,17 +190,22 @@ impl Firmware {
 
 impl TransverseMachine {
     fn new(settings: &TransverseSettings) -> Self {
+        let full = DRIVE_MAX * settings.counts_per_s_per_lsb;
+        let encoder = Encoder::new(1.0);
         Self {
-            motor: PositionMotor::new(settings.tau_s, f64::from(settings.travel_counts) / 2.0),
+            motor: PositionMotor::new(settings.tau_s, full, f64::from(settings.travel_counts) / 2.0),
             counts_per_s_per_lsb: settings.counts_per_s_per_lsb,
-            encoder: Encoder::new(1.0),
+            encoder,
+            counter: Counter::new(encoder),
+            carriage: 0,
             firmware: Firmware::new(settings),
         }
     }
 
     fn advance(&mut self, now: Instant) -> i64 {
         self.motor.advance(now);
-        self.encoder.count(self.motor.position())
+        self.carriage = self.encoder.count(self.motor.carriage());
+        self.counter.count(self.motor.position())
     }
 
     fn let_go(&mut self, count: i64) {
@@ -204,15 +214,16 @@ impl TransverseMachine {
     }
 
     fn is_coasting(&self) -> bool {
-        self.encoder.count(self.motor.coast_end()) != self.firmware.count
+        self.counter.count_at(self.motor.coast_end()) != self.firmware.count
     }
 }
 
-impl Machine<{ TransversePart::LENGTH }, 3> for TransverseMachine {
-    const SIGNALS: [&'static str; 3] = ["position_counts", "set_point_counts", "drive"];
+impl Machine<{ TransversePart::LENGTH }, 4> for TransverseMachine {
+    const SIGNALS: [&'static str; 4] = ["position_counts", "set_point_counts", "drive", "carriage_offset_counts"];
 
-    fn values(&self) -> [i64; 3] {
-        [self.firmware.count, self.firmware.profile.set_point(), self.firmware.drive]
+    fn values(&self) -> [i64; 4] {
+        let offset = self.carriage.saturating_sub(self.firmware.count);
+        [self.firmware.count, self.firmware.profile.set_point(), self.firmware.drive, offset]
     }
 
     fn start(&mut self, now: Instant, part: [u8; TransversePart::LENGTH]) -> Result<(), Refusal> {
@@ -253,6 +264,24 @@ impl Machine<{ TransversePart::LENGTH }, 3> for TransverseMachine {
     fn stall(&mut self, now: Instant, blocked: bool) {
         self.motor.advance(now);
         self.motor.block(blocked);
+    }
+
+    fn disturb(&mut self, now: Instant, stimulus: &Stimulus) {
+        self.motor.advance(now);
+        match stimulus {
+            Stimulus::Counts(counts) => self.counter.invent(self.motor.position(), *counts),
+            Stimulus::Load(per_mille) => self.motor.set_load(*per_mille),
+            Stimulus::Supply(per_mille) => self.motor.set_supply(*per_mille),
+            Stimulus::Backlash(counts) => self.motor.set_backlash(self.encoder.way(i32::from(*counts))),
+            Stimulus::EndStop(counts) => self.motor.set_stop(self.encoder.way(*counts)),
+            _ => {}
+        }
+    }
+
+    fn power(&mut self, now: Instant) {
+        self.motor.advance(now);
+        self.counter.restart(self.motor.position());
+        self.reset(now);
     }
 
     fn reset(&mut self, now: Instant) {

@@ -94,7 +94,7 @@ mod tests {
     /// The step response that the gains were chosen for, without a profile.
     #[test]
     fn a_step_of_900_counts_rises_in_0_39_s_and_settles_in_0_69_s() {
-        let mut motor = PositionMotor::new(0.71875, 36_000.0);
+        let mut motor = PositionMotor::new(0.71875, 7_500.0, 36_000.0);
         let mut pid = Pid::new(GAINS, 0.030, 255.0);
         let mut now = Instant::START;
         let mut path = vec![(0.0, 0.0)];

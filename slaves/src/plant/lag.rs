@@ -49,6 +49,26 @@ impl Lag {
         Some(Span::from_nanos((seconds * 1e9) as u64))
     }
 
+    /// The time in s after which the rate is zero on its way to `toward`, if it gets there.
+    pub(super) fn standstill_s(&self, toward: f64) -> Option<f64> {
+        (self.rate * toward < 0.0).then(|| self.tau_s * libm::log1p(-self.rate / toward))
+    }
+
+    /// Lets the time pass that [`Lag::standstill_s`] gave; gives the integral of the rate, which is zero then.
+    pub(super) const fn come_to_rest(&mut self, standstill_s: f64, toward: f64) -> f64 {
+        let way = toward * standstill_s + self.rate * self.tau_s;
+        self.rate = 0.0;
+        way
+    }
+
+    /// As [`Lag::step`], for a time that is no whole number of nanoseconds.
+    pub(super) fn pass(&mut self, seconds: f64, toward: f64) -> f64 {
+        let gone = -libm::expm1(-seconds / self.tau_s);
+        let excess = self.rate - toward;
+        self.rate -= excess * gone;
+        toward * seconds + excess * self.tau_s * gone
+    }
+
     fn factor(&mut self, dt: Span) -> f64 {
         if let Some((_, factor)) = self.factors.iter().find(|(length, _)| *length == dt) {
             return *factor;

@@ -2,6 +2,7 @@
 
 mod lag;
 mod position;
+mod shaft;
 mod speed;
 
 pub(crate) use position::PositionMotor;

@@ -1,87 +1,151 @@
-//! An axis: a first-order lag from drive to speed, then an integrator between two end stops.
+//! An axis: a first-order lag from drive to speed, then an integrator, and a carriage between two end stops.
 
-use torno_protocol::time::{Instant, Span};
+use torno_protocol::time::Instant;
 
-use crate::plant::lag::Lag;
+use crate::plant::shaft::Shaft;
 
 /// A motor that moves a carriage.
 ///
 /// This is the open loop. The paper's Eq. 11 has no pole at 0 because it was measured with the loop closed (Fig. 9):
 /// ω² = Km/τ and 2ξω = 1/τ give τ = 0.71875 s and Km = 2.664 1/s.
+///
+/// Between motor and carriage there can be dead travel: after a reversal the carriage stands until the gap is taken up. The gap
+/// opens with the flank in contact that pushes in the positive sense, so the first to find it is a motion in the
+/// negative one. (Ours.) The carriage does not coast across it. (Ours: friction in the slides.)
 #[derive(Clone, Debug)]
 pub(crate) struct PositionMotor {
-    lag: Lag,
-    toward: f64,
+    shaft: Shaft,
+    /// The motor's, in the carriage's units.
     position: f64,
-    end: f64,
-    blocked: bool,
+    carriage: Carriage,
     at: Instant,
+}
+
+/// What the motor moves, all in units of position.
+#[derive(Clone, Debug)]
+struct Carriage {
+    position: f64,
+    /// It lies up to so far beyond the motor's position, in the positive sense.
+    backlash: f64,
+    /// The ends of travel lie so far from the middle.
+    end: f64,
+    /// What stops it: the ends of travel, or something before them.
+    low: f64,
+    high: f64,
 }
 
 impl PositionMotor {
     /// A carriage at rest in mid-travel, at 0, that can go as far as `end` either way.
-    pub(crate) const fn new(tau_s: f64, end: f64) -> Self {
-        let lag = Lag::new(tau_s);
-        Self { lag, toward: 0.0, position: 0.0, end, blocked: false, at: Instant::START }
+    /// `full` is the speed that full drive tends to.
+    pub(crate) const fn new(tau_s: f64, full: f64, end: f64) -> Self {
+        let carriage = Carriage { position: 0.0, backlash: 0.0, end, low: -end, high: end };
+        Self { shaft: Shaft::new(tau_s, full), position: 0.0, carriage, at: Instant::START }
     }
 
     /// Lets the time up to `now` pass with the drive as it is.
     pub(crate) fn advance(&mut self, now: Instant) {
         let dt = now.since(self.at);
         self.at = now;
-        if self.blocked {
-            return;
-        }
-        // Between two turnings the carriage goes one way, so its place at the end is its extreme.
-        match self.lag.turning(self.toward).filter(|turning| *turning < dt) {
-            Some(turning) => {
-                self.travel(turning);
-                self.travel(Span::from_nanos(dt.as_nanos() - turning.as_nanos()));
+        // Between two turnings the motor goes one way, so its place at the end is its extreme.
+        let Self { shaft, position, carriage, .. } = self;
+        shaft.advance(dt, |lag, way| {
+            *position += way;
+            *position = carriage.follow(*position);
+            if carriage.is_stopped(*position, lag.rate()) {
+                lag.stop();
             }
-            None => self.travel(dt),
-        }
+        });
     }
 
-    fn travel(&mut self, dt: Span) {
-        self.position += self.lag.step(dt, self.toward);
-        if self.position >= self.end || self.position <= -self.end {
-            self.position = if self.position > 0.0 { self.end } else { -self.end };
-            if self.lag.rate() * self.position > 0.0 {
-                self.lag.stop();
-            }
-        }
-    }
-
-    /// The speed that the drive tends to from now on, in units of position per second.
+    /// The speed that the drive tends to from now on at nominal supply, in units of position per second.
     pub(crate) const fn drive(&mut self, toward: f64) {
-        self.toward = toward;
+        self.shaft.drive(toward);
+    }
+
+    /// The supply from now on, in per mille of nominal: it scales the drive.
+    pub(crate) const fn set_supply(&mut self, per_mille: u16) {
+        self.shaft.set_supply(per_mille);
+    }
+
+    /// A load that opposes motion from now on, in per mille of the torque at standstill with full drive.
+    pub(crate) fn set_load(&mut self, per_mille: i32) {
+        self.shaft.set_load(per_mille);
+    }
+
+    /// Dead travel between motor and carriage from now on. A gap that closes moves the carriage.
+    pub(crate) fn set_backlash(&mut self, way: f64) {
+        self.carriage.backlash = way;
+        self.position = self.carriage.follow(self.position);
+    }
+
+    /// Something hard stops the carriage at `place` from now on, on that side of mid-travel; if it is beyond that, where
+    /// it stands. 0: nothing but the ends of travel does.
+    pub(crate) fn set_stop(&mut self, place: f64) {
+        let Carriage { position, end, low, high, .. } = &mut self.carriage;
+        if place > 0.0 {
+            *high = place.min(*end).max(*position);
+        } else if place < 0.0 {
+            *low = place.max(-*end).min(*position);
+        } else {
+            (*low, *high) = (-*end, *end);
+        }
     }
 
     /// Blocks the shaft, which stops dead, or frees it.
     pub(crate) const fn block(&mut self, blocked: bool) {
-        self.blocked = blocked;
-        if blocked {
-            self.lag.stop();
-        }
+        self.shaft.block(blocked);
     }
 
+    /// The motor's position, where the carriage is without backlash.
     pub(crate) const fn position(&self) -> f64 {
         self.position
     }
 
-    /// The end stop that the carriage touches: +1, −1 or 0 for none. It closes a limit switch.
-    pub(crate) fn end_stop(&self) -> i64 {
-        i64::from(self.position >= self.end) - i64::from(self.position <= -self.end)
+    /// Where the carriage is.
+    pub(crate) const fn carriage(&self) -> f64 {
+        self.carriage.position
     }
 
-    /// Where the carriage comes to rest if it is not driven.
+    /// The end stop that the carriage touches: +1, −1 or 0 for none. It closes a limit switch.
+    pub(crate) fn end_stop(&self) -> i64 {
+        let Carriage { position, end, .. } = self.carriage;
+        i64::from(position >= end) - i64::from(position <= -end)
+    }
+
+    /// Where the motor comes to rest if it is not driven and nothing stops it.
     pub(crate) fn coast_end(&self) -> f64 {
-        self.position + self.lag.coast()
+        self.position + self.shaft.coast()
+    }
+
+    /// Where the carriage comes to rest then.
+    pub(crate) fn carriage_coast_end(&self) -> f64 {
+        self.carriage.pushed(self.coast_end())
+    }
+}
+
+impl Carriage {
+    /// Where it is once the motor has come to `motor`.
+    fn pushed(&self, motor: f64) -> f64 {
+        self.position.max(motor).min(motor + self.backlash)
+    }
+
+    /// Goes with the motor to `motor`, or as far as it can; gives where the motor is then.
+    fn follow(&mut self, motor: f64) -> f64 {
+        let motor = motor.min(self.high).max(self.low - self.backlash);
+        self.position = self.pushed(motor);
+        motor
+    }
+
+    /// It does not let the motor go on from `motor` at `rate`.
+    fn is_stopped(&self, motor: f64, rate: f64) -> bool {
+        (motor >= self.high && rate > 0.0) || (motor <= self.low - self.backlash && rate < 0.0)
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use torno_protocol::time::Span;
+
     use super::*;
 
     fn ms(ms: u64) -> Instant {
@@ -91,7 +155,7 @@ mod tests {
     /// Fig. 9: proportional control with Kch LSB a count makes Eq. 11 of this plant.
     #[test]
     fn a_closed_loop_of_1_ms_overshoots_as_equation_11_does() {
-        let mut motor = PositionMotor::new(0.71875, 36_000.0);
+        let mut motor = PositionMotor::new(0.71875, 7_500.0, 36_000.0);
         let (mut peak, mut peak_at) = (0.0, 0);
         for t in 0..8_000 {
             motor.drive(2.664_161_814 * (900.0 - motor.position()));
@@ -107,7 +171,7 @@ mod tests {
     #[test]
     fn the_end_stops_hold_and_let_go() {
         for sign in [1.0, -1.0] {
-            let mut motor = PositionMotor::new(0.1, 10.0);
+            let mut motor = PositionMotor::new(0.1, 20.0, 10.0);
             motor.drive(20.0 * sign);
             motor.advance(ms(2_000));
             assert_eq!((motor.position(), motor.end_stop()), (10.0 * sign, sign as i64));
@@ -121,10 +185,11 @@ mod tests {
 
     #[test]
     fn an_end_stop_reached_and_left_in_one_step_is_not_run_through() {
-        let mut motor = PositionMotor::new(0.5, 10.0);
+        let mut motor = PositionMotor::new(0.5, 30.0, 10.0);
         motor.drive(16.0);
         motor.advance(ms(1_000));
-        let mut free = PositionMotor { end: 1e9, ..motor.clone() };
+        let mut free = motor.clone();
+        free.carriage.high = 1e9;
         motor.drive(-30.0);
         free.drive(-30.0);
         motor.advance(ms(1_600));
@@ -135,12 +200,99 @@ mod tests {
 
     #[test]
     fn a_blocked_shaft_stands() {
-        let mut motor = PositionMotor::new(0.1, 10.0);
+        let mut motor = PositionMotor::new(0.1, 20.0, 10.0);
         motor.drive(1.0);
         motor.advance(ms(1_000));
         let position = motor.position();
         motor.block(true);
         motor.advance(ms(3_000));
         assert_eq!((motor.position(), motor.coast_end()), (position, position));
+    }
+
+    /// The drives of a second each, from rest.
+    fn driven(motor: &mut PositionMotor, drives: &[f64]) -> Vec<(f64, f64)> {
+        let second = |drive: &f64| {
+            motor.drive(*drive);
+            motor.advance(motor.at + Span::from_secs(1));
+            (motor.position(), motor.carriage())
+        };
+        drives.iter().map(second).collect()
+    }
+
+    #[test]
+    fn the_carriage_stands_until_the_gap_is_taken_up() {
+        let mut motor = PositionMotor::new(0.001, 20.0, 10.0);
+        motor.set_backlash(0.5);
+        let places = driven(&mut motor, &[1.0, -0.25, -1.0, 0.0, 0.25, 1.0, 0.0]);
+        let expected = [(1.0, 1.0), (0.75, 1.0), (-0.25, 0.25), (-0.25, 0.25), (0.0, 0.25), (1.0, 1.0), (1.0, 1.0)];
+        for ((motor, carriage), (m, c)) in places.into_iter().zip(expected) {
+            assert!((motor - m).abs() < 2e-3 && (carriage - c).abs() < 2e-3, "{motor} {carriage}, not {m} {c}");
+        }
+        assert!((motor.carriage_coast_end() - motor.carriage()).abs() < 1e-12);
+        // The gap closes.
+        driven(&mut motor, &[-0.25]);
+        assert!(motor.carriage() > motor.position() + 0.2);
+        motor.set_backlash(0.0);
+        assert_eq!(motor.carriage(), motor.position());
+    }
+
+    #[test]
+    fn a_reversal_within_a_step_takes_up_the_gap_as_small_steps_do() {
+        let motor = |ms: u64| {
+            let mut motor = PositionMotor::new(0.4, 20.0, 1e6);
+            motor.set_backlash(0.3);
+            motor.set_load(50);
+            for (second, drive) in (1..).zip([3.0, -6.0, 5.0, -2.0, 0.0, 0.0]) {
+                motor.drive(drive);
+                while motor.at < self::ms(second * 1_000) {
+                    motor.advance(motor.at + Span::from_millis(ms));
+                }
+            }
+            (motor.position(), motor.carriage())
+        };
+        let (at_once, cut) = (motor(1_000), motor(1));
+        assert!((at_once.0 - cut.0).abs() < 1e-9 && (at_once.1 - cut.1).abs() < 1e-9, "{at_once:?} {cut:?}");
+        assert!(at_once.1 > at_once.0, "{at_once:?}");
+    }
+
+    #[test]
+    fn the_ends_of_travel_are_the_carriages() {
+        for sign in [1.0, -1.0] {
+            let mut motor = PositionMotor::new(0.1, 20.0, 10.0);
+            motor.set_backlash(0.5);
+            driven(&mut motor, &[20.0 * sign; 2]);
+            assert_eq!((motor.carriage(), motor.end_stop()), (10.0 * sign, sign as i64));
+            assert_eq!(motor.position(), if sign > 0.0 { 10.0 } else { -10.5 });
+        }
+    }
+
+    #[test]
+    fn a_chip_stops_it_and_closes_no_switch_until_it_is_removed() {
+        for sign in [1.0, -1.0] {
+            let mut motor = PositionMotor::new(0.1, 20.0, 10.0);
+            motor.set_stop(4.0 * sign);
+            driven(&mut motor, &[20.0 * sign; 2]);
+            assert_eq!((motor.carriage(), motor.end_stop()), (4.0 * sign, 0));
+            // On the other side there is none.
+            driven(&mut motor, &[-20.0 * sign; 2]);
+            assert_eq!((motor.carriage(), motor.end_stop()), (-10.0 * sign, -sign as i64));
+            motor.set_stop(0.0);
+            driven(&mut motor, &[20.0 * sign; 3]);
+            assert_eq!(motor.carriage(), 10.0 * sign);
+            // One that it is beyond already holds it there.
+            driven(&mut motor, &[-sign, 0.0]);
+            let there = motor.carriage();
+            motor.set_stop(4.0 * sign);
+            driven(&mut motor, &[20.0 * sign]);
+            assert_eq!(motor.carriage(), there);
+        }
+    }
+
+    #[test]
+    fn half_the_supply_is_half_the_way() {
+        let mut motors = [(); 2].map(|()| PositionMotor::new(0.1, 20.0, 1e6));
+        motors[1].set_supply(500);
+        let [full, half] = motors.map(|mut motor| driven(&mut motor, &[7.0])[0].0);
+        assert!((full - 2.0 * half).abs() < 1e-12);
     }
 }

@@ -4,51 +4,55 @@ use core::f64::consts::TAU;
 
 use torno_protocol::time::Instant;
 
-use crate::plant::lag::Lag;
+use crate::plant::shaft::Shaft;
 
 /// A motor that is driven in one sense only and coasts when the drive is off (one power transistor, §4).
 #[derive(Clone, Debug)]
 pub(crate) struct SpeedMotor {
     /// Revolutions per second.
-    lag: Lag,
+    shaft: Shaft,
     km_rad_per_s_volt: f64,
-    toward: f64,
     angle_rev: f64,
-    blocked: bool,
     at: Instant,
 }
 
 impl SpeedMotor {
-    /// A motor at rest, with `km` in rad/(s·V) and τ in seconds.
-    pub(crate) const fn new(km_rad_per_s_volt: f64, tau_s: f64) -> Self {
-        let lag = Lag::new(tau_s);
-        Self { lag, km_rad_per_s_volt, toward: 0.0, angle_rev: 0.0, blocked: false, at: Instant::START }
+    /// A motor at rest, with `km` in rad/(s·V), τ in seconds and full drive in volts.
+    pub(crate) fn new(km_rad_per_s_volt: f64, tau_s: f64, full_v: f64) -> Self {
+        let shaft = Shaft::new(tau_s, km_rad_per_s_volt * full_v / TAU);
+        Self { shaft, km_rad_per_s_volt, angle_rev: 0.0, at: Instant::START }
     }
 
     /// Lets the time up to `now` pass with the drive as it is.
     pub(crate) fn advance(&mut self, now: Instant) {
         let dt = now.since(self.at);
         self.at = now;
-        if !self.blocked {
-            self.angle_rev += self.lag.step(dt, self.toward);
-        }
+        self.shaft.advance(dt, |_, way| self.angle_rev += way);
     }
 
-    /// The mean voltage from now on.
+    /// The mean voltage from now on, at nominal supply.
     pub(crate) fn drive(&mut self, volts: f64) {
-        self.toward = self.km_rad_per_s_volt * volts / TAU;
+        self.shaft.drive(self.km_rad_per_s_volt * volts / TAU);
+    }
+
+    /// The supply from now on, in per mille of nominal: it scales the voltage.
+    pub(crate) const fn set_supply(&mut self, per_mille: u16) {
+        self.shaft.set_supply(per_mille);
+    }
+
+    /// A load that opposes motion from now on, in per mille of the torque at standstill with full drive.
+    pub(crate) fn set_load(&mut self, per_mille: i32) {
+        self.shaft.set_load(per_mille);
     }
 
     /// Blocks the shaft, which stops dead, or frees it.
     pub(crate) const fn block(&mut self, blocked: bool) {
-        self.blocked = blocked;
-        if blocked {
-            self.lag.stop();
-        }
+        self.shaft.block(blocked);
     }
 
-    pub(crate) const fn is_blocked(&self) -> bool {
-        self.blocked
+    /// Whatever the drive, the shaft does not turn: it is blocked, or loaded beyond what the motor can do.
+    pub(crate) fn is_held(&self) -> bool {
+        self.shaft.is_blocked() || self.shaft.is_overloaded()
     }
 
     /// Revolutions since the start.
@@ -58,13 +62,13 @@ impl SpeedMotor {
 
     /// Where the shaft comes to rest if it is not driven.
     pub(crate) fn coast_end_rev(&self) -> f64 {
-        self.angle_rev + self.lag.coast()
+        self.angle_rev + self.shaft.coast()
     }
 
     /// Revolutions per minute.
     #[cfg(test)]
     pub(crate) fn rpm(&self) -> f64 {
-        60.0 * self.lag.rate()
+        60.0 * self.shaft.rate()
     }
 }
 
@@ -73,7 +77,7 @@ mod tests {
     use super::*;
 
     fn motor(volts: f64, seconds: f64) -> SpeedMotor {
-        let mut motor = SpeedMotor::new(19.0, 2.8);
+        let mut motor = SpeedMotor::new(19.0, 2.8, 30.0);
         motor.drive(volts);
         motor.advance(seconds_from_start(seconds));
         motor
@@ -95,6 +99,26 @@ mod tests {
         assert!((motor(30.0, 0.213_718).rpm() - 400.0).abs() < 0.05);
         assert!((motor(30.0, 3.032_120).rpm() - 3_600.0).abs() < 0.05);
         assert!((motor(30.0, 3.566_084).rpm() - 3_920.0).abs() < 0.05);
+    }
+
+    #[test]
+    fn a_load_takes_its_share_of_full_speed_and_a_sag_its_share_of_the_voltage() {
+        let mut motor = motor(30.0, 1.0);
+        motor.set_load(200);
+        motor.advance(seconds_from_start(200.0));
+        assert!((motor.rpm() - 0.8 * 5_443.099_1).abs() < 1e-3);
+        motor.set_supply(500);
+        motor.advance(seconds_from_start(400.0));
+        assert!((motor.rpm() - 0.3 * 5_443.099_1).abs() < 1e-3);
+        // Not driven it stands after τ·ln(1 + 0.3/0.2), and never turns back.
+        motor.drive(0.0);
+        motor.advance(seconds_from_start(402.565));
+        assert!(motor.rpm() > 0.0 && !motor.is_held());
+        motor.advance(seconds_from_start(402.566));
+        assert_eq!(motor.rpm(), 0.0);
+        let angle = motor.angle_rev();
+        motor.advance(seconds_from_start(500.0));
+        assert_eq!((motor.angle_rev(), motor.coast_end_rev()), (angle, angle));
     }
 
     #[test]
