@@ -52,6 +52,12 @@ impl Assembly {
         }
     }
 
+    /// Counts in `clock` from now on; a deadline that is set stays.
+    pub(crate) fn retune(&mut self, clock: Clock) {
+        let Self { silence, stopping, .. } = Self::new(clock);
+        (self.silence, self.stopping) = (silence, stopping);
+    }
+
     /// A character came. Gives a frame that is complete with it, or a refusal that it causes.
     pub(crate) fn character(&mut self, now: Instant, character: Character) -> Option<Result<Bytes, Refusal>> {
         self.last = now;

@@ -55,13 +55,20 @@ impl MasterSettings {
             None => Ok(()),
         }
     }
+
+    fn patience(&self, clock: Clock) -> Patience {
+        let ms = |ms: u32| clock.span(Span::from_millis(u64::from(ms)));
+        Patience { period: ms(self.enquiry_period_ms), answer: ms(self.answer_ms), enquiries: self.enquiries }
+    }
 }
 
 /// The master board.
 #[derive(Clone, Debug)]
 pub struct Master {
+    settings: MasterSettings,
     clock: Clock,
-    patience: Patience,
+    /// In which the software UARTs live.
+    timer: TickTimer,
     firmware: Firmware,
     outputs: VecDeque<Output>,
 }
@@ -147,13 +154,24 @@ impl Event {
 impl Master {
     /// A master as at power-on.
     pub fn new(settings: &MasterSettings, clock: Clock) -> Self {
-        let ms = |ms: u32| clock.span(Span::from_millis(u64::from(ms)));
-        let patience = Patience {
-            period: ms(settings.enquiry_period_ms),
-            answer: ms(settings.answer_ms),
-            enquiries: settings.enquiries,
-        };
-        Self { clock, patience, firmware: Firmware::new(clock, patience), outputs: VecDeque::new() }
+        let timer = TickTimer::new(RATE, clock);
+        let firmware = Firmware::new(clock, &timer, settings.patience(clock));
+        Self { settings: settings.clone(), clock, timer, firmware, outputs: VecDeque::new() }
+    }
+
+    fn restart(&mut self) {
+        self.firmware = Firmware::new(self.clock, &self.timer, self.settings.patience(self.clock));
+        self.outputs.extend((PC..=3).map(|port| Output::Cut { port }));
+        self.event(Event::Reset, 0);
+        for quantity in [Quantity::FramesDistributed, Quantity::FrameHeld, Quantity::SlavesBusy] {
+            self.telemetry(quantity, 0);
+        }
+    }
+
+    fn retune(&mut self, now: Instant, clock: Clock) {
+        self.clock = clock;
+        self.timer.retune(now, clock);
+        self.firmware.retune(clock, &self.timer, self.settings.patience(clock));
     }
 
     fn event(&mut self, event: Event, value: i64) {
@@ -349,8 +367,7 @@ impl Master {
 }
 
 impl Firmware {
-    fn new(clock: Clock, patience: Patience) -> Self {
-        let timer = TickTimer::new(RATE, clock);
+    fn new(clock: Clock, timer: &TickTimer, patience: Patience) -> Self {
         let link = |n| Link {
             transmitter: timer.transmitter(n),
             supervision: Supervision::new(patience),
@@ -364,6 +381,15 @@ impl Firmware {
             held: None,
             failures: Vec::new(),
             distributed: 0,
+        }
+    }
+
+    fn retune(&mut self, clock: Clock, timer: &TickTimer, patience: Patience) {
+        self.assembly.retune(clock);
+        self.pc.retune(RATE, clock);
+        for (n, link) in (0..).zip(&mut self.links) {
+            link.transmitter.keep_pace_with(&timer.transmitter(n));
+            link.supervision.retune(patience);
         }
     }
 
@@ -423,8 +449,7 @@ impl Board for Master {
     }
 
     fn receivers(&self) -> Vec<Receiver> {
-        let timer = TickTimer::new(RATE, self.clock);
-        let links = (0..3).map(|n| timer.receiver(n));
+        let links = (0..3).map(|n| self.timer.receiver(n));
         core::iter::once(Receiver::hardware(RATE, self.clock)).chain(links).collect()
     }
 
@@ -436,14 +461,8 @@ impl Board for Master {
                     self.hear_slave(now, *slave, character);
                 }
             }
-            Input::Stimulus(Stimulus::Reset) => {
-                self.firmware = Firmware::new(self.clock, self.patience);
-                self.outputs.extend((PC..=3).map(|port| Output::Cut { port }));
-                self.event(Event::Reset, 0);
-                for quantity in [Quantity::FramesDistributed, Quantity::FrameHeld, Quantity::SlavesBusy] {
-                    self.telemetry(quantity, 0);
-                }
-            }
+            Input::Stimulus(Stimulus::Reset | Stimulus::Power(_)) => self.restart(),
+            Input::Stimulus(Stimulus::Clock(clock)) => self.retune(now, clock),
             Input::Stimulus(_) => {}
         }
         self.load(now);

@@ -64,6 +64,11 @@ impl Supervision {
         Self { patience, state: State::Idle, cancelling: false }
     }
 
+    /// Watches like this from the next deadline on.
+    pub(crate) const fn retune(&mut self, patience: Patience) {
+        self.patience = patience;
+    }
+
     /// The slave is being given its part of a frame. One that does not answer gets it too, but is not waited for.
     pub(crate) fn start(&mut self, now: Instant) {
         self.cancelling = false;

@@ -10,7 +10,7 @@ use std::collections::VecDeque;
 use crate::board::{Board, Input, Output, Stimulus};
 use crate::record::{Batch, Heard, Silence, Timed, Turn};
 use crate::time::{Instant, Span};
-use crate::uart::{Fifo, Receiver};
+use crate::uart::{Character, Fifo, Receiver};
 
 /// How far a board is run ahead when nothing comes out of it. A little over the period of the master's enquiries, so
 /// that these, and not the cap, wake a busy slave.
@@ -28,10 +28,17 @@ const CHECKPOINT_EVERY: u32 = 24;
 pub struct Cell<B> {
     board: B,
     receivers: Vec<Receiver>,
-    fifos: Vec<Fifo>,
+    /// What each port has received and the firmware has not fetched.
+    waiting: Vec<Waiting>,
     stimuli: VecDeque<(Instant, Stimulus)>,
+    /// There is no supply.
+    off: bool,
     /// How often the firmware has been hung and not released: a release can be overtaken by the next hang.
     hung: u32,
+    /// How long the firmware takes over each thing.
+    slow: Span,
+    /// Until when it is at the last one.
+    busy_until: Instant,
     /// The instant of the last thing handled.
     handled: Instant,
     /// If nothing can leave by a port until something reaches the board: since when.
@@ -44,13 +51,16 @@ impl<B: Board> Cell<B> {
     /// A board as at power-on.
     pub fn new(board: B) -> Self {
         let receivers = board.receivers();
-        let fifos = vec![Fifo::default(); receivers.len()];
+        let waiting = receivers.iter().map(Waiting::at).collect();
         let mut cell = Self {
             board,
             receivers,
-            fifos,
+            waiting,
             stimuli: VecDeque::new(),
+            off: false,
             hung: 0,
+            slow: Span::ZERO,
+            busy_until: Instant::START,
             handled: Instant::START,
             mute_since: None,
             silence: None,
@@ -113,13 +123,30 @@ impl<B: Board> Cell<B> {
 
     fn next(&self) -> Option<(Instant, Next)> {
         let stimulus = self.stimuli.front().map(|(at, _)| (*at, Next::Stimulus));
+        let fetch = self.fetches().then(|| (self.ready(), Next::Fetch));
         let characters = self.receivers.iter().enumerate();
         let characters = characters.filter_map(|(port, r)| r.poll_timeout().map(|at| (at, Next::Character(port))));
-        let deadline = self.board.poll_timeout().filter(|_| self.hung == 0);
-        // A deadline that passed during a hang is due at once.
-        let deadline = deadline.map(|deadline| (deadline.at.max(self.handled), Next::Deadline));
+        let deadline = self.board.poll_timeout().filter(|_| self.runs());
+        // A deadline that passed while the firmware was hung or busy is due as soon as it is not.
+        let deadline = deadline.map(|deadline| (deadline.at.max(self.ready()), Next::Deadline));
         // The least; among equals the first, which is the order that `board` prescribes.
-        stimulus.into_iter().chain(characters).chain(deadline).reduce(|a, b| if b.0 < a.0 { b } else { a })
+        let next = stimulus.into_iter().chain(fetch).chain(characters).chain(deadline);
+        next.reduce(|a, b| if b.0 < a.0 { b } else { a })
+    }
+
+    /// The firmware runs, if only slowly.
+    const fn runs(&self) -> bool {
+        self.hung == 0 && !self.off
+    }
+
+    /// The first instant at which the firmware, if it runs, can handle something.
+    fn ready(&self) -> Instant {
+        self.busy_until.max(self.handled)
+    }
+
+    /// Something waits that the firmware will fetch.
+    fn fetches(&self) -> bool {
+        self.runs() && !self.waiting.iter().all(Waiting::is_empty)
     }
 
     /// Handles the next thing, and gives what the board does.
@@ -133,39 +160,82 @@ impl<B: Board> Cell<B> {
     fn handle(&mut self, at: Instant, next: Next, emit: &mut impl FnMut(Instant, Output)) {
         match next {
             Next::Stimulus => match self.stimuli.pop_front() {
-                Some((_, Stimulus::Hang(hung))) => self.hang(at, hung, emit),
-                Some((_, stimulus)) => self.input(at, Input::Stimulus(stimulus), emit),
+                Some((_, stimulus)) => self.stimulus(at, stimulus, emit),
                 None => {}
             },
+            Next::Fetch => {
+                let fetched =
+                    self.waiting.iter_mut().enumerate().find_map(|(port, waiting)| Some((port, waiting.take()?)));
+                if let Some((port, character)) = fetched {
+                    self.deliver(at, port, character, emit);
+                }
+            }
             Next::Character(port) => self.character(at, port, emit),
             Next::Deadline => {
                 self.board.handle_timeout(at);
+                self.busy_until = at + self.slow;
                 self.drain(at, emit);
             }
         }
     }
 
-    fn character(&mut self, at: Instant, port: usize, emit: &mut impl FnMut(Instant, Output)) {
-        let Some(character) = self.receivers[port].take(at) else { return };
-        if self.hung == 0 {
-            let port = u8::try_from(port).unwrap_or(u8::MAX);
-            self.input(at, Input::Character { port, character }, emit);
-        } else if self.receivers[port].is_buffered() {
-            self.fifos[port].push(character);
+    fn stimulus(&mut self, at: Instant, stimulus: Stimulus, emit: &mut impl FnMut(Instant, Output)) {
+        match stimulus {
+            Stimulus::Hang(true) => self.hung += 1,
+            Stimulus::Hang(false) => self.hung = self.hung.saturating_sub(1),
+            Stimulus::Slow(slow) => {
+                self.slow = slow;
+                if slow == Span::ZERO {
+                    self.busy_until = at;
+                }
+            }
+            // What is so already stays as it is.
+            Stimulus::Power(on) if on != self.off => {}
+            Stimulus::Power(on) => self.power(at, on, emit),
+            Stimulus::Clock(_) => {
+                self.input(at, Input::Stimulus(stimulus), emit);
+                let tuned = self.board.receivers();
+                self.receivers.iter_mut().zip(&tuned).for_each(|(receiver, tuned)| receiver.retune(tuned, at));
+            }
+            Stimulus::Reset | Stimulus::Write(_) | Stimulus::Discard if self.off => {}
+            _ => self.input(at, Input::Stimulus(stimulus), emit),
         }
     }
 
-    fn hang(&mut self, at: Instant, hung: bool, emit: &mut impl FnMut(Instant, Output)) {
-        self.hung = if hung { self.hung + 1 } else { self.hung.saturating_sub(1) };
-        if self.hung > 0 {
-            return;
+    fn power(&mut self, at: Instant, on: bool, emit: &mut impl FnMut(Instant, Output)) {
+        self.waiting = self.receivers.iter().map(Waiting::at).collect();
+        self.busy_until = at;
+        self.hung = 0;
+        if !on {
+            (0..self.receivers.len()).for_each(|port| emit(at, Output::Cut { port: number(port) }));
         }
-        for port in 0..self.fifos.len() {
-            while let Some(character) = self.fifos[port].pop() {
-                let port = u8::try_from(port).unwrap_or(u8::MAX);
-                self.input(at, Input::Character { port, character }, emit);
+        // The lines have been idle since the supply went: firmware that starts anew has nothing to cut.
+        let mut emit = |at, output| {
+            if !matches!(output, Output::Cut { .. }) {
+                emit(at, output);
             }
+        };
+        self.off = !on;
+        self.input(at, Input::Stimulus(Stimulus::Power(on)), &mut emit);
+        if on {
+            // A character that began before is none.
+            let fresh = self.board.receivers();
+            self.receivers.iter_mut().zip(&fresh).for_each(|(receiver, fresh)| receiver.replace_by(fresh, at));
         }
+    }
+
+    fn character(&mut self, at: Instant, port: usize, emit: &mut impl FnMut(Instant, Output)) {
+        let Some(character) = self.receivers[port].take(at) else { return };
+        if self.runs() && self.busy_until <= at {
+            self.deliver(at, port, character, emit);
+        } else if !self.off && (self.hung == 0 || self.receivers[port].is_buffered()) {
+            self.waiting[port].push(character);
+        }
+    }
+
+    fn deliver(&mut self, at: Instant, port: usize, character: Character, emit: &mut impl FnMut(Instant, Output)) {
+        self.busy_until = at + self.slow;
+        self.input(at, Input::Character { port: number(port), character }, emit);
     }
 
     fn input(&mut self, at: Instant, input: Input, emit: &mut impl FnMut(Instant, Output)) {
@@ -175,7 +245,9 @@ impl<B: Board> Cell<B> {
 
     fn drain(&mut self, at: Instant, emit: &mut impl FnMut(Instant, Output)) {
         while let Some(output) = self.board.poll_output() {
-            emit(at, output);
+            if !self.off || matches!(output, Output::Telemetry { .. }) {
+                emit(at, output);
+            }
         }
         while let Some((port, receiver)) = self.board.poll_receiver() {
             if let Some(present) = self.receivers.get_mut(usize::from(port)) {
@@ -185,23 +257,70 @@ impl<B: Board> Cell<B> {
     }
 
     fn note_mute(&mut self) {
-        let mute = (self.hung > 0 || self.board.mute())
+        let mute = (!self.runs() || self.board.mute())
+            && !self.fetches()
             && self.stimuli.is_empty()
             && self.receivers.iter().all(|receiver| receiver.poll_timeout().is_none());
         self.mute_since = if mute { self.mute_since.or(Some(self.handled)) } else { None };
     }
 
     fn note_silence(&mut self) {
-        let deadline = self.board.silence().filter(|_| self.hung == 0);
+        // What waits to be fetched has broken it.
+        let deadline = self.board.silence().filter(|_| self.runs() && !self.fetches());
+        let deadline = deadline.map(|deadline| deadline.max(self.busy_until));
         if deadline != self.silence.map(|silence| silence.deadline) {
             self.silence = deadline.map(|deadline| Silence { from: self.handled, deadline });
         }
     }
 }
 
+/// What a port has received while the firmware could not see to it.
+#[derive(Clone, Copy, Debug)]
+enum Waiting {
+    /// In a hardware UART.
+    Buffered(Fifo),
+    /// In the variable of a software UART.
+    Variable(Option<Character>),
+}
+
+impl Waiting {
+    /// Nothing, at `receiver`.
+    fn at(receiver: &Receiver) -> Self {
+        if receiver.is_buffered() { Self::Buffered(Fifo::default()) } else { Self::Variable(None) }
+    }
+
+    fn push(&mut self, character: Character) {
+        match self {
+            Self::Buffered(fifo) => fifo.push(character),
+            Self::Variable(variable) => *variable = Some(character),
+        }
+    }
+
+    fn take(&mut self) -> Option<Character> {
+        match self {
+            Self::Buffered(fifo) => fifo.pop(),
+            Self::Variable(variable) => variable.take(),
+        }
+    }
+
+    const fn is_empty(&self) -> bool {
+        match self {
+            Self::Buffered(fifo) => fifo.is_empty(),
+            Self::Variable(variable) => variable.is_none(),
+        }
+    }
+}
+
+/// A port's number.
+fn number(port: usize) -> u8 {
+    u8::try_from(port).unwrap_or(u8::MAX)
+}
+
 #[derive(Clone, Copy)]
 enum Next {
     Stimulus,
+    /// The firmware fetches what has waited.
+    Fetch,
     Character(usize),
     Deadline,
 }

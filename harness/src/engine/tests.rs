@@ -20,6 +20,7 @@ struct Chatterbox {
     software: bool,
     /// How long it thinks before it answers.
     delay: Span,
+    timer: TickTimer,
     /// How often it speaks up by itself; it need not.
     period: Option<Span>,
     next: Option<Instant>,
@@ -37,7 +38,17 @@ impl Chatterbox {
         let transmitters = [transmitter(0), transmitter(1)];
         let next = period.map(|period| Instant::START + period);
         let (answers, outputs) = (VecDeque::new(), VecDeque::new());
-        Self { clock, software, delay, period, next, answers, transmitters, heard: 0, outputs }
+        Self { clock, software, delay, timer, period, next, answers, transmitters, heard: 0, outputs }
+    }
+
+    fn retune(&mut self) {
+        for (n, transmitter) in (0..).zip(&mut self.transmitters) {
+            if self.software {
+                transmitter.keep_pace_with(&self.timer.transmitter(n));
+            } else {
+                transmitter.retune(BAUD, self.clock);
+            }
+        }
     }
 
     fn act(&mut self, now: Instant) {
@@ -66,8 +77,7 @@ impl Board for Chatterbox {
     }
 
     fn receivers(&self) -> Vec<Receiver> {
-        let timer = TickTimer::new(BAUD, self.clock);
-        let receiver = |n| if self.software { timer.receiver(n) } else { Receiver::hardware(BAUD, self.clock) };
+        let receiver = |n| if self.software { self.timer.receiver(n) } else { Receiver::hardware(BAUD, self.clock) };
         vec![receiver(0), receiver(1)]
     }
 
@@ -83,6 +93,20 @@ impl Board for Chatterbox {
                 }
             }
             Input::Stimulus(Stimulus::Write(bytes)) => bytes.iter().for_each(|byte| self.transmitters[0].push(*byte)),
+            // It forgets what it was about to say, and what is on its lines.
+            Input::Stimulus(Stimulus::Power(_)) => {
+                let Self { clock, software, delay, timer, period, .. } = *self;
+                let outputs = std::mem::take(&mut self.outputs);
+                let next = period.map(|period| now + period);
+                *self = Self { clock, timer, next, outputs, ..Self::new(0, software, delay, period) };
+                self.retune();
+                self.outputs.push_back(Output::Telemetry { signal: 0, value: 0 });
+            }
+            Input::Stimulus(Stimulus::Clock(clock)) => {
+                self.clock = clock;
+                self.timer.retune(now, clock);
+                self.retune();
+            }
             // Not every board is touched by a reset, but the engine cannot know.
             Input::Stimulus(Stimulus::Reset) if self.period.is_some() => {
                 self.outputs.extend([Output::Cut { port: 0 }, Output::Cut { port: 1 }]);
@@ -284,8 +308,12 @@ fn rings() -> impl Strategy<Value = Ring> {
     let stimulus = prop_oneof![
         4 => prop::collection::vec(any::<u8>(), 1..12).prop_map(Stimulus::Write),
         1 => Just(Stimulus::Reset),
+        1 => any::<bool>().prop_map(Stimulus::Power),
+        1 => any::<bool>().prop_map(Stimulus::Hang),
+        1 => (0..20_000u64).prop_map(|us| Stimulus::Slow(Span::from_micros(us))),
+        1 => (-20_000_000..20_000_000i32).prop_map(|ppb| Stimulus::Clock(Clock::from_ppb(ppb).unwrap())),
     ];
-    let stimuli = prop::collection::vec((0..2usize, instants(1..3_000), stimulus), 0..6);
+    let stimuli = prop::collection::vec((0..2usize, instants(1..3_000), stimulus), 0..9);
     (boards, stimuli).prop_map(|(boards, stimuli)| Ring { boards, stimuli, faults: vec![], reacts: None })
 }
 

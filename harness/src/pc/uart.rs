@@ -152,6 +152,14 @@ impl<P: PcProgram> PcUart<P> {
         }
     }
 
+    /// The supply goes or comes: what was to be sent is lost, and `XOFF` is forgotten.
+    fn power(&mut self) {
+        self.queue.clear();
+        self.loaded = 0;
+        self.transmitter = Transmitter::hardware(Rate::hz(self.baud), self.clock);
+        self.stop(false);
+    }
+
     /// The driver feeds the chip, the chip its shift register.
     fn feed(&mut self, now: Instant) {
         loop {
@@ -189,6 +197,11 @@ impl<P: PcProgram> Board for PcUart<P> {
             Input::Stimulus(Stimulus::Write(bytes)) => self.queue.extend(bytes),
             Input::Stimulus(Stimulus::Discard) => self.queue.clear(),
             Input::Stimulus(Stimulus::Configure { baud, ixon }) => self.configure(baud, ixon),
+            Input::Stimulus(Stimulus::Power(_)) => self.power(),
+            Input::Stimulus(Stimulus::Clock(clock)) => {
+                self.clock = clock;
+                self.transmitter.retune(Rate::hz(self.baud), clock);
+            }
             Input::Stimulus(_) => {}
         }
         self.feed(now);
