@@ -159,10 +159,11 @@ impl<B: Board> Cell<B> {
 
     fn handle(&mut self, at: Instant, next: Next, emit: &mut impl FnMut(Instant, Output)) {
         match next {
-            Next::Stimulus => match self.stimuli.pop_front() {
-                Some((_, stimulus)) => self.stimulus(at, stimulus, emit),
-                None => {}
-            },
+            Next::Stimulus => {
+                if let Some((_, stimulus)) = self.stimuli.pop_front() {
+                    self.stimulus(at, stimulus, emit);
+                }
+            }
             Next::Fetch => {
                 let fetched =
                     self.waiting.iter_mut().enumerate().find_map(|(port, waiting)| Some((port, waiting.take()?)));
@@ -633,5 +634,83 @@ mod tests {
         assert_eq!(fetched, [&(ms(2000), first), &(ms(2000), second)]);
         // The deadlines that passed meanwhile are due at once.
         assert!(told.iter().any(|(at, output)| *at == ms(2000) && matches!(output, Output::Character { .. })));
+    }
+
+    fn stimulus(at: Instant, stimulus: Stimulus) -> Heard {
+        Heard::Stimulus { at, stimulus }
+    }
+
+    fn run(cell: &mut Cell<Counter>, until: Instant) -> Vec<(Instant, Output)> {
+        let mut told = Vec::new();
+        cell.run(until, |at, output| told.push((at, output)));
+        told
+    }
+
+    /// When each character was handled, its byte, and whether it was marked as overrun.
+    fn characters(told: &[(Instant, Output)]) -> Vec<(u64, i64, bool)> {
+        let character = |(at, output): &(Instant, Output)| match output {
+            Output::Event { event, value } => Some((at.as_nanos() / 1_000_000, *value, *event == 1)),
+            _ => None,
+        };
+        told.iter().filter_map(character).collect()
+    }
+
+    #[test]
+    fn slow_firmware_handles_one_thing_at_a_time_and_its_fifo_overruns() {
+        let mut cell = Cell::new(Counter::new(false, false));
+        cell.hear(&stimulus(ms(185), Stimulus::Slow(Span::from_millis(10))));
+        (0..4).for_each(|n| cell.hear(&byte(1 + n, ms(190 + 2 * u64::from(n)))));
+        cell.hear(&stimulus(ms(245), Stimulus::Slow(Span::ZERO)));
+        let told = run(&mut cell, ms(280));
+        assert_eq!(characters(&told), [(190, 1, false), (200, 2, true), (210, 3, true)]);
+        let telemetry = told.iter().filter(|(_, output)| matches!(output, Output::Telemetry { .. }));
+        let ticks: Vec<u64> = telemetry.map(|(at, _)| at.as_nanos() / 100_000).filter(|at| *at > 1_800).collect();
+        // The tick of 210 ms waits for the last character; healed in mid-work, the firmware is free at once.
+        assert_eq!(ticks, [2_209, 2_509]);
+    }
+
+    #[test]
+    fn a_slow_board_with_characters_to_fetch_is_not_mute() {
+        let mut stepper = Stepper::new(Counter::new(true, false));
+        let slow = stimulus(ms(1), Stimulus::Slow(Span::from_millis(100)));
+        let batch = stepper.turn(&turn(ms(6), vec![slow, byte(1, ms(2)), byte(2, ms(4))])).unwrap();
+        assert!(batch.outputs.iter().any(|told| told.output == Output::Event { event: 0, value: 2 }));
+        assert_eq!(batch.mute_since.map(|since| since.as_nanos() / 1_000_000), Some(103));
+    }
+
+    #[test]
+    fn a_board_without_supply_is_cut_off_and_deaf_and_starts_with_nothing_in_its_ears() {
+        let mut cell = Cell::new(Counter::new(false, true));
+        let power = |at, on| stimulus(at, Stimulus::Power(on));
+        // In mid-character; again without effect; back in mid-character.
+        let (off, again, on) = (ms(510) + Span::from_micros(500), ms(600), ms(700) + Span::from_micros(50));
+        cell.hear(&stimulus(ms(100), Stimulus::Hang(false)));
+        [power(off, false), power(again, false), power(on, true), power(ms(800), true)]
+            .iter()
+            .for_each(|h| cell.hear(h));
+        [(1, 509), (2, 550), (0xff, 700), (4, 720)].iter().for_each(|(n, at)| cell.hear(&byte(*n, ms(*at))));
+        let told = run(&mut cell, ms(900));
+        let cuts: Vec<_> = told.iter().filter(|(_, output)| matches!(output, Output::Cut { .. })).collect();
+        assert_eq!(cuts, [&(off, Output::Cut { port: 0 })]);
+        assert_eq!(characters(&told), [(510, 1, false), (720, 4, false)]);
+        assert!(!told.iter().any(|(at, _)| *at > off && *at < on));
+        assert!(told.iter().any(|(at, _)| *at == on), "its deadlines go on");
+    }
+
+    #[test]
+    fn power_on_ends_a_hang_and_empties_the_fifo() {
+        let mut cell = Cell::new(Counter::new(false, false));
+        let stimuli = [
+            (100, Stimulus::Hang(true)),
+            (300, Stimulus::Power(false)),
+            (310, Stimulus::Hang(true)),
+            (320, Stimulus::Power(true)),
+            // The release of a hang that is over.
+            (400, Stimulus::Hang(false)),
+            (500, Stimulus::Hang(true)),
+        ];
+        stimuli.iter().for_each(|(at, what)| cell.hear(&stimulus(ms(*at), what.clone())));
+        [(1, 200), (2, 350), (3, 510)].iter().for_each(|(n, at)| cell.hear(&byte(*n, ms(*at))));
+        assert_eq!(characters(&run(&mut cell, ms(900))), [(350, 2, false)]);
     }
 }

@@ -87,4 +87,20 @@ mod tests {
         assert!(schedule.take(ms(155)));
         assert_eq!(schedule.poll_timeout(), Some(ms(180)));
     }
+
+    #[test]
+    fn another_clock_counts_from_the_tick_that_is_set() {
+        let fast = Clock::from_ppb(200_000_000).unwrap();
+        let mut schedule = Schedule::new(30, Clock::TRUE);
+        schedule.start(ms(61));
+        schedule.retune(ms(70), fast);
+        assert_eq!(schedule.poll_timeout(), Some(ms(90)));
+        assert!(schedule.take(ms(90)));
+        assert_eq!(schedule.poll_timeout(), Some(ms(115)));
+        // Stopped, it keeps its grid all the same.
+        schedule.stop();
+        schedule.retune(ms(120), Clock::TRUE);
+        schedule.start(ms(141));
+        assert_eq!(schedule.poll_timeout(), Some(ms(170)));
+    }
 }

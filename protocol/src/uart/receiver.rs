@@ -392,6 +392,47 @@ mod tests {
         assert_eq!(received(&mut receiver), good(&[0xf0]));
     }
 
+    #[test]
+    fn a_retuned_receiver_finishes_the_character_and_hears_the_next_by_its_new_clock() {
+        let fast = clock(100_000_000);
+        for keeps in [true, false] {
+            let mut receiver = Receiver::hardware(BAUD, Clock::TRUE);
+            let (mut sender, mut fast_sender) =
+                (Transmitter::hardware(BAUD, Clock::TRUE), Transmitter::hardware(BAUD, fast));
+            receiver.hear(&edges(&[0x3c], &mut sender, Instant::START)[0]);
+            let (now, tuned) = (Instant::from_nanos(500_000), Receiver::hardware(BAUD, fast));
+            if keeps {
+                receiver.retune(&tuned, now)
+            } else {
+                receiver.replace_by(&tuned, now)
+            }
+            assert!(receiver.ear().effect(Instant::from_nanos(2_000_000)) < Instant::from_nanos(2_906_000));
+            let mut found = received(&mut receiver);
+            receiver.hear(&edges(&[0xff, 0x7f], &mut fast_sender, Instant::from_nanos(5_000_000)).concat());
+            assert!(receiver.older.is_empty());
+            found.extend(received(&mut receiver));
+            // Left over, it reads the middle of the character as another one.
+            assert!(found.ends_with(&good(&[0xff, 0x7f])), "{found:?}");
+            assert_eq!(found[0] == Character::good(0x3c), keeps, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn a_clock_that_drifts_leaves_nothing_behind() {
+        let mut receiver = Receiver::hardware(BAUD, Clock::TRUE);
+        for n in 1..1_000 {
+            receiver.retune(&Receiver::hardware(BAUD, clock(n * 10_000)), Instant::from_nanos(n as u64 * 10_000_000));
+        }
+        assert!(receiver.older.len() <= 2, "{}", receiver.older.len());
+        // The fastest it has been still counts for edges that are not heard yet.
+        receiver.retune(&Receiver::hardware(BAUD, Clock::TRUE), Instant::from_nanos(20_000_000_000));
+        let nominal = Receiver::hardware(BAUD, Clock::TRUE).lookahead();
+        assert!(receiver.lookahead() < nominal);
+        receiver
+            .hear(&edges(&[1], &mut Transmitter::hardware(BAUD, Clock::TRUE), Instant::from_nanos(21_000_000_000))[0]);
+        assert_eq!(receiver.lookahead(), nominal);
+    }
+
     fn pairs() -> impl Strategy<Value = (Transmitter, Receiver)> {
         // Three samples a bit leave (0.5 - 1/3) / 9.5 = 1.75 % on the early side and more on the late: together 1.5 %.
         let ppb = -7_500_000..7_500_000i32;

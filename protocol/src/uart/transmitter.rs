@@ -167,4 +167,14 @@ mod tests {
         let second = load(&mut uart, 0xa5, first.end.as_nanos());
         assert_eq!(second.edges[0].at, first.end);
     }
+
+    #[test]
+    fn a_retuned_timer_keeps_the_tick_that_is_set() {
+        let mut timer = TickTimer::new(Rate::hz(9600), Clock::TRUE);
+        let mut uart = timer.transmitter(0);
+        timer.retune(Instant::from_nanos(1_000_000_000), Clock::from_ppb(100_000_000).unwrap());
+        uart.keep_pace_with(&timer.transmitter(0));
+        // Tick 28800 of the old grid is at 1 s; those after it are 31.566 µs apart.
+        assert_eq!(load(&mut uart, 0, 1_000_010_000).edges[0].at.as_nanos(), 1_000_034_566);
+    }
 }

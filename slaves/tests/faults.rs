@@ -1,0 +1,282 @@
+//! What can go wrong with a plant, an oscillator and a supply, and what the boards make of it.
+
+#![allow(clippy::unwrap_used, reason = "part of tests")]
+
+mod common;
+
+use common::{Bench, s};
+use torno_protocol::board::{Board, Output, Stimulus};
+use torno_protocol::clock::Clock;
+use torno_protocol::lathe::{ACK, CAN, ENQ};
+use torno_protocol::time::Span;
+use torno_slaves::{Depth, DepthSettings, Spindle, SpindleSettings, Transverse, TransverseSettings};
+
+fn spindle() -> Bench<Spindle> {
+    Bench::new(Spindle::new(&SpindleSettings::default(), Clock::TRUE))
+}
+
+fn transverse() -> Bench<Transverse> {
+    Bench::new(Transverse::new(&TransverseSettings::default(), Clock::TRUE))
+}
+
+fn depth() -> Bench<Depth> {
+    Bench::new(Depth::new(&DepthSettings::default(), Clock::TRUE))
+}
+
+/// Speed, distance and direction as the transverse axis gets them.
+fn way(distance: i32) -> [u8; 4] {
+    let [high, low] = u16::try_from(distance.abs()).unwrap().to_be_bytes();
+    [112, high, low, u8::from(distance < 0)]
+}
+
+/// Distance and direction as the depth axis gets them.
+fn slots(distance: i32) -> [u8; 3] {
+    let [_, rest @ ..] = way(distance);
+    rest
+}
+
+/// Executes a sub-frame; gives the replies, and how long it took in s.
+fn execute<B: Board>(bench: &mut Bench<B>, part: &[u8]) -> (Vec<u8>, f64) {
+    bench.send(part);
+    let sent = bench.now;
+    assert!(bench.run_until_mute(300));
+    (bench.replies(), bench.now.since(sent).as_secs_f64())
+}
+
+/// The mean drive of the last 20 s, as a part of the whole.
+fn duty(bench: &Bench<Spindle>) -> f64 {
+    let from = bench.now - Span::from_secs(20);
+    let history = bench.history("drive");
+    let ends = history.iter().skip(1).map(|(at, _)| *at).chain([bench.now]);
+    let parts = history.iter().zip(ends);
+    let sum: f64 = parts.map(|((at, drive), end)| end.since((*at).max(from)).as_secs_f64() * *drive as f64).sum();
+    sum / 20.0 / 1_023.0
+}
+
+#[test]
+fn a_spindle_under_load_or_on_half_its_supply_comes_back_to_its_speed() {
+    for (stimulus, expected) in [(Stimulus::Load(200), 0.4756), (Stimulus::Supply(500), 0.5512)] {
+        let mut bench = spindle();
+        execute(&mut bench, &[75]);
+        bench.run_ms(s(30));
+        assert!((duty(&bench) - 0.2756).abs() < 0.002);
+        let at = bench.now;
+        bench.stimulus(stimulus);
+        assert!(bench.board.mute(), "it regulates, and has nothing to report");
+        bench.run_ms(s(60));
+        let slowest = bench.history("speed_rpm").iter().filter(|(told, _)| *told > at).map(|(_, rpm)| *rpm).min();
+        assert!(slowest.unwrap() < 1_450, "{slowest:?}");
+        assert!((bench.value("speed_rpm") - 1_500).abs() <= 20);
+        assert!((duty(&bench) - expected).abs() < 0.002, "{}", duty(&bench));
+        assert_eq!(bench.replies(), []);
+    }
+}
+
+#[test]
+fn a_loaded_spindle_stands_still_before_a_free_one() {
+    let stops = |load| {
+        let mut bench = spindle();
+        execute(&mut bench, &[75]);
+        bench.stimulus(Stimulus::Load(load));
+        execute(&mut bench, &[0]).1
+    };
+    let (free, loaded) = (stops(0), stops(200));
+    // 1500 rpm against a load of 1089 rpm: τ·ln(1 + 1500/1089) and eight windows.
+    assert!((loaded - (2.426 + 0.24)).abs() < 0.1 && free > 2.0 * loaded, "{loaded} {free}");
+}
+
+#[test]
+fn a_load_that_full_drive_cannot_turn_is_a_stall() {
+    let mut bench = spindle();
+    bench.stimulus(Stimulus::Load(1_000));
+    assert_eq!(execute(&mut bench, &[75]).0, [CAN, b's']);
+    // While it regulates it says so unasked.
+    bench.stimulus(Stimulus::Load(0));
+    assert_eq!(execute(&mut bench, &[75]).0, [ACK]);
+    bench.stimulus(Stimulus::Supply(0));
+    assert!(!bench.board.mute());
+    assert!(bench.run_until_mute(60));
+    assert_eq!(bench.replies(), [CAN, b's']);
+
+    let mut bench = transverse();
+    bench.send(&way(9_000));
+    bench.run_ms(s(1));
+    bench.stimulus(Stimulus::Load(1_001));
+    // A load hardly stronger than full drive takes 4.5 s to stop it.
+    assert!(bench.run_until_mute(10));
+    assert_eq!((bench.replies(), bench.value("drive")), (vec![CAN, b's'], 0));
+
+    let mut bench = depth();
+    bench.stimulus(Stimulus::Load(1_000));
+    assert_eq!(execute(&mut bench, &slots(3)).0, [CAN, b's']);
+    bench.stimulus(Stimulus::Load(999));
+    bench.stimulus(Stimulus::Load(0));
+    assert_eq!(execute(&mut bench, &slots(3)).0, [ACK]);
+}
+
+#[test]
+fn an_axis_ends_off_by_the_counts_that_its_encoder_lost_or_invented() {
+    for (distance, counts, offset) in [(900, -7, 7), (900, 12, -12), (-900, -7, -7), (-900, 12, 12)] {
+        let mut bench = transverse();
+        bench.send(&way(distance));
+        bench.run_ms(400);
+        bench.stimulus(Stimulus::Counts(counts));
+        assert!(bench.run_until_mute(10));
+        bench.run_ms(s(60));
+        assert_eq!(bench.replies(), [ACK]);
+        assert_eq!(bench.value("position_counts"), i64::from(distance), "the firmware knows nothing of it");
+        assert_eq!(bench.value("carriage_offset_counts"), offset);
+    }
+    // At rest the loop is closed: it makes up for what was never gone.
+    let mut bench = transverse();
+    execute(&mut bench, &way(900));
+    bench.run_ms(s(60));
+    bench.stimulus(Stimulus::Counts(5));
+    bench.run_ms(s(60));
+    assert_eq!((bench.value("position_counts"), bench.value("carriage_offset_counts")), (900, -5));
+    assert_eq!(bench.replies(), []);
+
+    let mut bench = depth();
+    bench.send(&slots(-9));
+    bench.run_ms(s(3));
+    bench.stimulus(Stimulus::Counts(-2));
+    assert!(bench.run_until_mute(20));
+    assert_eq!((bench.value("position_counts"), bench.value("carriage_offset_counts")), (-9, -2));
+
+    // A spindle's windows make up for it.
+    let mut bench = spindle();
+    execute(&mut bench, &[75]);
+    bench.stimulus(Stimulus::Counts(-1_000));
+    bench.run_ms(300);
+    assert_eq!(bench.value("speed_counts"), 0);
+    assert!(bench.history("speed_counts").iter().all(|(_, counts)| *counts >= 0));
+    bench.run_ms(s(20));
+    assert!((bench.value("speed_rpm") - 1_500).abs() <= 20);
+}
+
+#[test]
+fn with_half_the_supply_an_axis_is_late_but_arrives() {
+    let (mut nominal, mut sagging) = (transverse(), transverse());
+    let part = [225, 0x23, 0x28, 0];
+    let (replies, in_time) = execute(&mut nominal, &part);
+    assert_eq!(replies, [ACK]);
+    sagging.send(&part);
+    sagging.run_ms(s(1));
+    sagging.stimulus(Stimulus::Supply(500));
+    assert!(sagging.run_until_mute(30));
+    let late = sagging.now.as_secs_f64() - in_time;
+    assert!(late > 0.2, "{late}");
+    sagging.run_ms(s(60));
+    assert_eq!((sagging.replies(), sagging.value("position_counts")), (vec![ACK], 9_000));
+    assert_eq!(sagging.value("carriage_offset_counts"), 0);
+}
+
+#[test]
+fn backlash_is_hidden_from_the_feed_and_costs_the_infeed_time() {
+    let mut bench = transverse();
+    bench.stimulus(Stimulus::Backlash(20));
+    for (distance, offset) in [(900, 0), (-400, 20), (-100, 20), (300, 0)] {
+        assert_eq!(execute(&mut bench, &way(distance)).0, [ACK]);
+        bench.run_ms(s(60));
+        // The motor overshoots by some counts; the carriage stays there when it comes back.
+        let found = bench.value("carriage_offset_counts");
+        assert!((0..=20).contains(&found) && (found - offset).abs() <= 9, "{distance}: {found}");
+    }
+    assert_eq!(bench.value("position_counts"), 700);
+    execute(&mut bench, &way(-100));
+    bench.stimulus(Stimulus::Backlash(0));
+    execute(&mut bench, &way(1));
+    assert_eq!(bench.value("carriage_offset_counts"), 0);
+
+    let mut bench = depth();
+    bench.stimulus(Stimulus::Backlash(2));
+    let forth = execute(&mut bench, &slots(5));
+    let back = execute(&mut bench, &slots(-5));
+    assert_eq!((forth.0, back.0), (vec![ACK], vec![ACK]));
+    assert_eq!((bench.value("position_counts"), bench.value("carriage_offset_counts")), (0, 0));
+    // Two slots of 0.667 s.
+    assert!((back.1 - forth.1 - 1.33).abs() < 0.7, "{} {}", forth.1, back.1);
+    // More than the firmware has patience for.
+    bench.stimulus(Stimulus::Backlash(9));
+    assert_eq!(execute(&mut bench, &slots(5)).0, [CAN, b's']);
+}
+
+#[test]
+fn a_chip_in_the_way_is_a_stall_and_can_be_backed_off() {
+    for sign in [1, -1] {
+        let mut bench = transverse();
+        bench.stimulus(Stimulus::EndStop(500 * sign));
+        assert_eq!(execute(&mut bench, &way(900 * sign)).0, [CAN, b's']);
+        assert_eq!(bench.value("position_counts"), i64::from(500 * sign));
+        assert_eq!(execute(&mut bench, &way(-300 * sign)).0, [ACK]);
+        bench.stimulus(Stimulus::EndStop(0));
+        assert_eq!(execute(&mut bench, &way(900 * sign)).0, [ACK]);
+        assert!((bench.value("position_counts") - i64::from(1_100 * sign)).abs() <= 1);
+
+        let mut bench = depth();
+        bench.stimulus(Stimulus::EndStop(3 * sign));
+        assert_eq!(execute(&mut bench, &slots(5 * sign)).0, [CAN, b's']);
+        assert_eq!(bench.value("position_counts"), i64::from(3 * sign));
+    }
+}
+
+#[test]
+fn after_a_loss_of_supply_a_slave_counts_from_where_it_coasted_to() {
+    let mut bench = transverse();
+    bench.send(&way(9_000));
+    bench.run_ms(s(2));
+    let before = bench.value("position_counts");
+    bench.stimulus(Stimulus::Power(false));
+    assert_eq!((bench.value("position_counts"), bench.value("drive"), bench.board.mute()), (0, 0, true));
+    bench.hung = true;
+    bench.run_ms(s(20));
+    bench.hung = false;
+    bench.stimulus(Stimulus::Power(true));
+    // 3733 counts/s for 0.72 s.
+    let coasted = bench.value("carriage_offset_counts") - before;
+    assert!((coasted - 2_683).abs() < 150, "{before} {coasted}");
+    assert_eq!((bench.value("position_counts"), bench.board.poll_timeout()), (0, None));
+    bench.send(&[ENQ]);
+    bench.run_ms(20);
+    assert_eq!(bench.replies(), [CAN, b'r']);
+    assert_eq!(execute(&mut bench, &way(100)).0, [ACK]);
+    assert!((bench.value("position_counts") - 100).abs() <= 1);
+    assert_eq!(bench.value("carriage_offset_counts"), before + coasted);
+
+    // Powered on while it coasts, it watches itself coast.
+    let mut bench = spindle();
+    execute(&mut bench, &[200]);
+    bench.stimulus(Stimulus::Power(false));
+    bench.stimulus(Stimulus::Power(true));
+    bench.run_ms(s(2));
+    assert!((1_900..2_100).contains(&bench.value("speed_rpm")));
+    bench.run_ms(s(60));
+    assert_eq!((bench.value("speed_rpm"), bench.board.poll_timeout()), (0, None));
+}
+
+#[test]
+fn another_oscillator_changes_the_window_and_the_bit() {
+    let fast = Clock::from_ppb(100_000_000).unwrap();
+    let mut bench = spindle();
+    execute(&mut bench, &[75]);
+    bench.run_ms(s(20));
+    bench.stimulus(Stimulus::Clock(fast));
+    bench.run_ms(s(60));
+    // It takes 27.27 ms for 30, and so 1500 rpm for less.
+    let told = bench.history("speed_counts");
+    let counts = told.iter().rev().take(100).map(|(_, counts)| *counts).sum::<i64>();
+    assert!(counts > 3_500, "{counts}");
+    let windows: Vec<u64> = told.windows(2).rev().take(20).map(|pair| pair[1].0.since(pair[0].0).as_nanos()).collect();
+    let window = 30e6 / 1.1;
+    assert!(windows.iter().all(|ns| (*ns as f64 / window).fract().min(1.0 - (*ns as f64 / window).fract()) < 1e-3));
+    let now = bench.now;
+    bench.send(&[ENQ]);
+    bench.run_ms(20);
+    let character = bench.outputs.iter().find_map(|(at, output)| match output {
+        Output::Character { end, .. } if *at > now => Some(end.since(*at)),
+        _ => None,
+    });
+    assert_eq!(character, Some(Span::from_nanos(946_970)));
+    let fresh = Spindle::new(&SpindleSettings::default(), fast);
+    assert_eq!(bench.board.receivers()[0].lookahead(), fresh.receivers()[0].lookahead());
+}
