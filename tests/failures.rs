@@ -30,7 +30,11 @@ const INFEED: [u8; 8] = [0x4b, 0, 0, 0, 0, 0x01, 0x90, 0];
 
 /// A board fails in motion, with a frame held and more to come. Checks what follows, and gives the final telemetry.
 fn fails(motion: [u8; 8], breakage: Breakage, at: f64, slave: Slave, fault: Fault) -> Finale {
-    let finale = play(&[TURNING, motion, FEED, INFEED, FEED], vec![breakage]);
+    fails_by(motion, vec![breakage], at, slave, fault)
+}
+
+fn fails_by(motion: [u8; 8], breakages: Vec<Breakage>, at: f64, slave: Slave, fault: Fault) -> Finale {
+    let finale = play(&[TURNING, motion, FEED, INFEED, FEED], breakages);
     assert_eq!(finale.outcome, Outcome::Faulted);
     assert_eq!(finale.conversation.failures, [(slave, fault)]);
 
@@ -90,9 +94,14 @@ fn a_slave_that_is_cut_off_from_its_master_in_motion_is_reported_within_three_se
 #[test]
 fn a_slave_that_starts_anew_in_motion_is_not_taken_for_done() {
     for (motion, slave) in [(FEED, Slave::Transverse), (INFEED, Slave::Depth)] {
-        let breakage =
-            Breakage::Stimulus { board: slave.name().to_owned(), at: seconds(10.0), stimulus: Stimulus::Reset };
-        fails(motion, breakage, 10.0, slave, Fault::Restarted);
+        let breakage = |at, stimulus| Breakage::Stimulus { board: slave.name().to_owned(), at: seconds(at), stimulus };
+        fails(motion, breakage(10.0, Stimulus::Reset), 10.0, slave, Fault::Restarted);
+        let power = [(10.0, false), (10.3, true)].map(|(at, on)| breakage(at, Stimulus::Power(on)));
+        let finale = fails_by(motion, power.into(), 10.0, slave, Fault::Restarted);
+        // It counts from 0 again, the carriage does not.
+        assert!(telemetry(&finale, slave.name(), "position_counts") < 3_000);
+        assert!(telemetry(&finale, slave.name(), "carriage_offset_counts") > 5);
+        fails(motion, breakage(10.0, Stimulus::Power(false)), 10.0, slave, Fault::NoAnswer);
     }
 }
 

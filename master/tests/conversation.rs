@@ -401,3 +401,48 @@ fn line_error_while_the_pc_stops_does_not_put_the_rest_out_of_step() {
     bench.send(0, &[0, 0, 0, 0, 0, 0, 0, 10, 225, 0, 0, 0]);
     assert_eq!((bench.received(1), bench.replies()), (vec![], vec![]));
 }
+
+#[test]
+fn a_master_that_loses_its_supply_is_silent_and_starts_anew() {
+    let mut bench = Bench::new();
+    bench.send(0, &FRAME);
+    bench.run(Span::from_millis(20));
+    assert_eq!(bench.replies(), [ACK]);
+    let (off, on) = (bench.now + Span::from_millis(1), bench.now + Span::from_millis(500));
+    [(off, false), (on, true)].into_iter().for_each(|(at, on)| {
+        bench.cell.hear(&Heard::Stimulus { at, stimulus: Stimulus::Power(on) });
+    });
+    bench.run(Span::from_millis(100));
+    (1..=3).for_each(|port| _ = bench.received(port));
+    // Nobody is there.
+    bench.send(0, &AT_REST);
+    bench.slaves_done();
+    assert_eq!(bench.replies(), []);
+    bench.run_to(on + Span::from_secs(5));
+    assert_eq!([1, 2, 3].map(|port| bench.received(port).len()), [0; 3], "it has forgotten whom to enquire");
+    bench.send(0, &AT_REST);
+    bench.slaves_done();
+    assert_eq!(bench.replies(), [ACK, XON]);
+}
+
+#[test]
+fn a_master_with_another_oscillator_speaks_and_hears_by_it() {
+    let fast = Clock::from_ppb(100_000_000).unwrap();
+    let mut bench = Bench::new();
+    bench.cell.hear(&Heard::Stimulus { at: bench.now, stimulus: Stimulus::Clock(fast) });
+    bench.run(Span::from_millis(5));
+    // 10 % off, neither side understands the other; by its own clock both do, on the software UARTs too.
+    bench.transmitters.fill(Transmitter::hardware(RATE, fast));
+    bench.receivers.fill(Receiver::hardware(RATE, fast));
+    bench.send(0, &FRAME);
+    bench.run(Span::from_millis(20));
+    assert_eq!(bench.received(2), FRAME[1..5]);
+    bench.slaves_done();
+    assert_eq!(bench.replies(), [ACK, XON]);
+    // Its second is short: busy slaves are asked after 0.909 s.
+    bench.send(0, &FRAME);
+    bench.run(Span::from_millis(30));
+    (1..=3).for_each(|port| _ = bench.received(port));
+    bench.run(Span::from_millis(890));
+    assert_eq!(bench.received(1), [ENQ]);
+}

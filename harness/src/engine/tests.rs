@@ -475,6 +475,20 @@ fn time_goes_no_further_than_a_silence_that_a_board_waits_for() {
 }
 
 #[test]
+fn what_cuts_a_character_short_is_reckoned_with_before_it_is_told() {
+    let us = |us: u64| Instant::START + Span::from_micros(us);
+    let earliest = |stimulus| {
+        let mut node = Node::new(1);
+        node.answer(Batch { horizon: Instant::NEVER, mute_since: Some(Instant::START), ..Batch::default() });
+        node.line_busy_until[0] = us(1_042);
+        node.hear(Heard::Stimulus { at: us(500), stimulus });
+        node.earliest_edge(0)
+    };
+    let stimuli = [Stimulus::Reset, Stimulus::Power(false), Stimulus::Power(true), Stimulus::Hang(true)];
+    assert_eq!(stimuli.map(earliest), [us(500), us(500), us(1_042), us(1_042)]);
+}
+
+#[test]
 fn a_stopped_board_goes_on_as_a_hung_one_however_much_it_has_missed() {
     let ms = |ms: u64| Instant::START + Span::from_millis(ms);
     let mut uart = Transmitter::hardware(BAUD, Clock::TRUE);

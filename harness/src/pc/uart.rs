@@ -312,4 +312,35 @@ mod tests {
         });
         assert_eq!(ends, [1_041_667, 2_083_333]);
     }
+
+    /// How long each of three characters that are written at 1 ms takes, in ns.
+    fn characters(stimuli: &[(Instant, Stimulus)]) -> Vec<u64> {
+        let mut cell = Cell::new(uart(1));
+        cell.hear(&Heard::Stimulus { at: ms(1), stimulus: Stimulus::Write(vec![0; 3]) });
+        for (at, stimulus) in stimuli {
+            cell.hear(&Heard::Stimulus { at: *at, stimulus: stimulus.clone() });
+        }
+        let mut lengths = Vec::new();
+        cell.run(ms(100), |at, output| {
+            if let Output::Character { end, .. } = output {
+                lengths.push(end.since(at).as_nanos());
+            }
+        });
+        lengths
+    }
+
+    #[test]
+    fn another_oscillator_holds_from_the_next_character() {
+        let fast = Stimulus::Clock(Clock::from_ppb(100_000_000).unwrap());
+        assert_eq!(characters(&[(ms(1).next(), fast)]), [1_041_667, 946_970, 946_970]);
+    }
+
+    #[test]
+    fn without_supply_what_was_to_be_sent_is_lost() {
+        let power = |at, on| (at, Stimulus::Power(on));
+        let late = (ms(3), Stimulus::Write(vec![0; 5]));
+        assert_eq!(characters(&[power(ms(1).next(), false), late, power(ms(4), true)]).len(), 1);
+        let again = (ms(5), Stimulus::Write(vec![0; 5]));
+        assert_eq!(characters(&[power(ms(1).next(), false), power(ms(4), true), again]).len(), 6);
+    }
 }
