@@ -6,6 +6,7 @@
 
 mod channel;
 pub mod engine;
+pub mod fault;
 pub mod live;
 pub mod observe;
 pub mod pace;
@@ -15,6 +16,7 @@ pub mod port;
 mod readable;
 pub mod report;
 pub mod rig;
+pub mod scenario;
 pub mod seat;
 pub mod send;
 pub mod text;

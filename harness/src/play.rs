@@ -4,7 +4,7 @@ use torno_protocol::board::Stimulus;
 use torno_protocol::lathe::{Conversation, Outcome, Program, Reply, ReplyDecoder};
 use torno_protocol::time::{Instant, Span};
 
-use crate::engine::{Fact, Limit, NodeId};
+use crate::engine::{Disturbance, Fact, Limit, NodeId};
 use crate::observe::{Digest, Sum, Telemetry, Waveforms, log};
 use crate::pace::{Brake, Pace};
 use crate::pc::{PcEvent, PcProgram, PcUart};
@@ -181,7 +181,7 @@ fn break_it(rig: &mut Rig, breakage: &Breakage) -> Result<(), RigError> {
     match breakage {
         Breakage::Cut { line, at } => {
             let id = rig.lines().iter().position(|name| name == line).ok_or_else(|| unknown(line))?;
-            rig.cut_line(id, *at);
+            _ = rig.disturb(id, *at, &Disturbance::Cut);
         }
         Breakage::Stimulus { board, at, stimulus } => {
             let id = rig.nodes().iter().position(|node| node.name == *board).ok_or_else(|| unknown(board))?;

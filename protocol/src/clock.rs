@@ -21,6 +21,11 @@ impl Clock {
     /// The largest error that is accepted, in parts per billion: 20 %.
     pub const MAX_ERROR_PPB: i32 = 200_000_000;
 
+    /// How fast it is, in parts per billion.
+    pub const fn error_ppb(self) -> i32 {
+        self.error_ppb
+    }
+
     /// A clock that is `ppb` parts per billion fast (negative: slow); `None` outside ±20 %.
     pub const fn from_ppb(ppb: i32) -> Option<Self> {
         if ppb > Self::MAX_ERROR_PPB || ppb < -Self::MAX_ERROR_PPB {

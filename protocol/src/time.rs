@@ -130,6 +130,18 @@ impl fmt::Display for Instant {
     }
 }
 
+impl fmt::Display for Span {
+    /// In the unit that suits it: `1.5 s`, `200 ms`, `50 us`, `7 ns`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let nanos = self.as_nanos();
+        let units = [(1_000_000_000, "s"), (1_000_000, "ms"), (1_000, "us")];
+        match units.iter().find(|(unit, _)| nanos >= *unit) {
+            Some((unit, name)) => write!(f, "{} {name}", nanos as f64 / *unit as f64),
+            None => write!(f, "{nanos} ns"),
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

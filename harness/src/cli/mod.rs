@@ -3,6 +3,7 @@
 mod board;
 mod run;
 mod send;
+mod test;
 mod up;
 
 use std::future::poll_fn;
@@ -55,6 +56,8 @@ enum Command {
     Up(up::Arguments),
     /// Is the PC on any serial port: sends a program, honours the hold, shows the replies.
     Send(send::Arguments),
+    /// Runs scenarios: programs with faults, and what must hold.
+    Test(test::Arguments),
     /// Is one board; this is what the launcher starts.
     Board(board::Arguments),
 }
@@ -71,6 +74,7 @@ pub(crate) fn main(started: Instant) -> ExitCode {
             Command::Run(arguments) => arguments.run(started).await,
             Command::Up(arguments) => arguments.run().await,
             Command::Send(arguments) => arguments.run(started).await,
+            Command::Test(arguments) => arguments.run(),
             Command::Board(arguments) => arguments.run().await,
         }
     });

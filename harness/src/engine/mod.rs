@@ -70,6 +70,8 @@ pub struct Watch {
 pub enum Sight {
     /// An event, whatever its value.
     Event(u8),
+    /// A character that is committed to a port.
+    Character(u8),
     /// A quantity that reaches a value from `least` to `most`, or changes within them.
     Telemetry {
         /// The quantity's number.
@@ -86,6 +88,7 @@ impl Watch {
     pub(crate) fn sees(&self, output: &Output) -> bool {
         match (self.what, output) {
             (Sight::Event(event), Output::Event { event: told, .. }) => event == *told,
+            (Sight::Character(port), Output::Character { port: sent, .. }) => port == *sent,
             (Sight::Telemetry { signal, least, most }, Output::Telemetry { signal: told, value }) => {
                 signal == *told && (least..=most).contains(value)
             }
@@ -539,6 +542,7 @@ impl Engine {
         while self.nodes[id].ahead.front().is_some_and(|told| told.at < until) {
             let Some(Timed { at, output }) = self.nodes[id].ahead.pop_front() else { break };
             last = Some(at);
+            self.look(id, at, &output);
             match output {
                 Output::Character { port, edges, end } => {
                     sent = true;
@@ -559,11 +563,9 @@ impl Engine {
                     }
                 }
                 Output::Telemetry { signal, value } => {
-                    self.look(id, at, &Output::Telemetry { signal, value });
                     self.facts.push(Fact::Telemetry { node: id, at, signal, value });
                 }
                 Output::Event { event, value } => {
-                    self.look(id, at, &Output::Event { event, value });
                     self.facts.push(Fact::Event { node: id, at, event, value });
                 }
             }

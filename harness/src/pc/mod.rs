@@ -2,4 +2,4 @@
 
 mod uart;
 
-pub use uart::{BAUD, Outside, PcEvent, PcProgram, PcUart, STOPPED};
+pub use uart::{BAUD, Outside, PcEvent, PcProgram, PcUart, RECEIVED, STOPPED};

@@ -67,6 +67,9 @@ impl PcEvent {
 /// The speeds that the chip can have, in baud. Beyond them it takes the nearest.
 pub const BAUD: RangeInclusive<u32> = 50..=4_000_000;
 
+/// The number of the event that a byte has come.
+pub const RECEIVED: u8 = 1;
+
 /// The number of the UART's one quantity: whether `XOFF` has stopped it.
 pub const STOPPED: u8 = 0;
 

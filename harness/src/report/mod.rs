@@ -3,7 +3,9 @@
 mod progress;
 mod stats;
 mod summary;
+mod tested;
 
 pub use progress::Bar;
 pub use stats::{BytesPerTurn, Shares, Stats};
 pub use summary::{BoardSummary, Frames, Summary, failures};
+pub use tested::{TestReport, Tested};

@@ -22,6 +22,21 @@ impl Bar {
         Self { bar, wall }
     }
 
+    /// A bar for so many scenarios.
+    #[expect(clippy::disallowed_methods, reason = "a bar shows wall time")]
+    pub fn of_scenarios(scenarios: usize) -> Self {
+        let bar = ProgressBar::new(scenarios as u64);
+        let template = "scenario {pos} of {len} {bar:32.cyan/blue}";
+        let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
+        bar.set_style(style.progress_chars("━╸─"));
+        Self { bar, wall: std::time::Instant::now() }
+    }
+
+    /// So many are done.
+    pub fn count(&self, done: usize) {
+        self.bar.set_position(done as u64);
+    }
+
     /// So many frames have been executed by `now`, in virtual time if that is known.
     pub fn update(&self, executed: usize, now: Option<Instant>) {
         if self.bar.is_hidden() {

@@ -14,11 +14,12 @@ use std::time::Duration;
 use rustix::thread::CpuSet;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use torno_protocol::board::{Description, Stimulus};
+use torno_protocol::clock::Clock;
 use torno_protocol::record::{FromBoard, Setup, ToBoard, Turn, VERSION};
 use torno_protocol::stepping::{BrokenPromise, Stepper};
 use torno_protocol::time::Instant;
 
-use crate::engine::{Disturbance, End, Engine, Fact, LateOutput, Limit, LineId, NodeId};
+use crate::engine::{Disturbance, End, Engine, Fact, FaultId, Hit, LateOutput, Limit, LineId, NodeId, Watch, WatchId};
 use crate::pc::{PcProgram, PcUart};
 use cost::Stopwatch;
 pub use cost::{Bytes, Cost};
@@ -133,6 +134,8 @@ pub struct Node {
     pub name: String,
     /// What it consists of.
     pub description: Description,
+    /// Its oscillator.
+    pub clock: Clock,
     /// Its process, if it has one of its own.
     pub pid: Option<u32>,
     seat: Seat,
@@ -141,12 +144,12 @@ pub struct Node {
 }
 
 impl Node {
-    fn new(name: &str, description: Description, seat: Seat) -> Self {
+    fn new(name: &str, description: Description, clock: Clock, seat: Seat) -> Self {
         let pid = match &seat {
             Seat::Process(process) => Some(process.pid().as_raw_nonzero().get() as u32),
             Seat::Local(_) | Seat::Empty => None,
         };
-        Self { name: name.to_owned(), description, pid, seat, bytes: (Bytes::default(), None) }
+        Self { name: name.to_owned(), description, clock, pid, seat, bytes: (Bytes::default(), None) }
     }
 
     /// What its turns have taken over the socket.
@@ -194,10 +197,11 @@ impl Rig {
             stopwatch: None,
         };
         for board in &file.boards {
-            rig.add_node(Node::new(&board.name, board.description.clone(), seat(board, driver)?));
+            let seat = seat(board, driver)?;
+            rig.add_node(Node::new(&board.name, board.description.clone(), board.clock, seat));
         }
         let pc: Box<dyn Steps> = Box::new(Stepper::new(pc));
-        rig.add_node(Node::new("pc", pc.description(), Seat::Local(pc)));
+        rig.add_node(Node::new("pc", pc.description(), file.pc.clock, Seat::Local(pc)));
         rig.add_link((rig.pc, 0), file.pc.to);
         file.links.iter().for_each(|[a, b]| rig.add_link(*a, *b));
         rig.greet().await?;
@@ -323,9 +327,34 @@ impl Rig {
         self.engine.stimulate(node, at, stimulus)
     }
 
-    /// Cuts a line at `at`, or as soon after it as nothing settled is touched.
-    pub fn cut_line(&mut self, line: LineId, at: Instant) {
-        self.engine.disturb(line, at, &Disturbance::Cut);
+    /// Begins a fault on a line at `at`, or as soon after it as nothing settled is touched. Says when.
+    pub fn disturb(&mut self, line: LineId, at: Instant, what: &Disturbance) -> (FaultId, Instant) {
+        self.engine.disturb(line, at, what)
+    }
+
+    /// Ends it, in the same way.
+    pub fn heal(&mut self, fault: FaultId, at: Instant) -> Instant {
+        self.engine.heal(fault, at)
+    }
+
+    /// Faults that lay in wait for a character and have met it, since the last call.
+    pub fn take_fired(&mut self) -> Vec<FaultId> {
+        self.engine.take_fired()
+    }
+
+    /// See [`Engine::watch`].
+    pub fn watch(&mut self, watch: Watch) -> WatchId {
+        self.engine.watch(watch)
+    }
+
+    /// See [`Engine::unwatch`].
+    pub fn unwatch(&mut self, watch: WatchId) {
+        self.engine.unwatch(watch);
+    }
+
+    /// See [`Engine::take_hits`].
+    pub fn take_hits(&mut self) -> Vec<Hit> {
+        self.engine.take_hits()
     }
 
     /// Lets everything happen that can happen before `limit`.

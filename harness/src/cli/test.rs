@@ -1,0 +1,115 @@
+//! `torno test`
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
+
+use anyhow::Context;
+use torno::observe::log;
+use torno::report::{Bar, TestReport, Tested};
+use torno::rig::{Driver, RigError};
+use torno::scenario::{self, Scenario};
+
+use super::{FAILED, colour, driver, print};
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// Scenario files, or folders of them
+    #[arg(required = true, value_name = "SCENARIO")]
+    scenarios: Vec<PathBuf>,
+    /// Where everything random comes from, instead of what the scenario says
+    #[arg(long)]
+    seed: Option<u64>,
+    /// So many scenarios at once [default: one a processor]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    jobs: Option<u16>,
+    /// Runs each board in a process of its own: slower, and the same result
+    #[arg(long)]
+    processes: bool,
+    /// Writes the results as JUnit XML
+    #[arg(long, value_name = "FILE")]
+    junit: Option<PathBuf>,
+    /// Prints a line of JSON for each scenario
+    #[arg(long)]
+    json: bool,
+}
+
+impl Arguments {
+    pub(super) fn run(self) -> anyhow::Result<ExitCode> {
+        log::init("error");
+        let mut scenarios = Vec::new();
+        for path in files(&self.scenarios)? {
+            let scenario = Scenario::load(&path, self.seed)?;
+            scenarios.push((path, scenario));
+        }
+        let driver = driver(!self.processes)?;
+        let jobs = self.jobs.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
+        let bar = Bar::of_scenarios(scenarios.len());
+        let tested = run_all(&scenarios, &driver, jobs, &bar);
+        bar.clear();
+        let report = TestReport::new(tested.into_iter().collect::<Result<Vec<_>, RigError>>()?);
+        if let Some(path) = &self.junit {
+            std::fs::write(path, report.junit()?).with_context(|| format!("cannot write '{}'", path.display()))?;
+        }
+        print(&if self.json { report.json()? } else { report.text(colour()) })?;
+        Ok(if report.passed() { ExitCode::SUCCESS } else { ExitCode::from(FAILED) })
+    }
+}
+
+/// The files themselves, and those in folders, by name.
+fn files(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
+    let mut files = Vec::new();
+    for path in paths {
+        if !path.is_dir() {
+            files.push(path.clone());
+            continue;
+        }
+        let entries =
+            std::fs::read_dir(path).with_context(|| format!("cannot read the folder '{}'", path.display()))?;
+        let mut found: Vec<PathBuf> = entries.filter_map(|entry| entry.ok().map(|entry| entry.path())).collect();
+        found.retain(|path| path.extension().is_some_and(|extension| extension == "toml"));
+        found.sort();
+        anyhow::ensure!(!found.is_empty(), "{}: expected scenarios (*.toml), found none", path.display());
+        files.extend(found);
+    }
+    Ok(files)
+}
+
+/// Runs all, so many at once; the results are in the order of the scenarios.
+fn run_all(
+    scenarios: &[(PathBuf, Scenario)],
+    driver: &Driver,
+    jobs: usize,
+    bar: &Bar,
+) -> Vec<Result<Tested, RigError>> {
+    let next = AtomicUsize::new(0);
+    let done: Mutex<Vec<(usize, Result<Tested, RigError>)>> = Mutex::new(Vec::new());
+    std::thread::scope(|scope| {
+        for _ in 0..jobs.min(scenarios.len()) {
+            scope.spawn(|| {
+                while let Some((place, (path, scenario))) =
+                    Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|place| Some((place, scenarios.get(place)?)))
+                {
+                    let tested = run_one(path, scenario, driver);
+                    let mut done = done.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+                    done.push((place, tested));
+                    bar.count(done.len());
+                }
+            });
+        }
+    });
+    let mut done = done.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+    done.sort_by_key(|(place, _)| *place);
+    done.into_iter().map(|(_, tested)| tested).collect()
+}
+
+#[expect(clippy::disallowed_methods, reason = "how long a scenario takes is told beside its result")]
+fn run_one(path: &Path, scenario: &Scenario, driver: &Driver) -> Result<Tested, RigError> {
+    let started = std::time::Instant::now();
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let outcome = runtime.block_on(scenario::run(scenario, driver))?;
+    let wall: Duration = started.elapsed();
+    Ok(Tested { path: path.display().to_string(), name: scenario.name.clone(), seed: scenario.seed, outcome, wall })
+}

@@ -1,0 +1,168 @@
+//! How scenarios ended: for people, as JSON, as JUnit XML.
+
+use std::fmt::Write as _;
+use std::time::Duration;
+
+use anstyle::{AnsiColor, Style};
+use quick_junit::{NonSuccessKind, Report, TestCase, TestCaseStatus, TestSuite};
+use serde::Serialize;
+
+use crate::scenario::{Failure, Outcome};
+
+/// A scenario that has been run.
+#[derive(Clone, Debug)]
+pub struct Tested {
+    /// Its file.
+    pub path: String,
+    /// Its name.
+    pub name: String,
+    /// Its seed.
+    pub seed: u64,
+    /// How it ended.
+    pub outcome: Outcome,
+    /// How long it took.
+    pub wall: Duration,
+}
+
+impl Tested {
+    /// The command that runs it again.
+    fn again(&self) -> String {
+        format!("torno test '{}' --seed {}", self.path, self.seed)
+    }
+}
+
+/// How all of them ended.
+pub struct TestReport {
+    tested: Vec<Tested>,
+}
+
+#[derive(Serialize)]
+struct Line<'a> {
+    name: &'a str,
+    path: &'a str,
+    seed: u64,
+    outcome: &'a str,
+    virtual_s: f64,
+    wall_s: f64,
+    digest: String,
+    replies: &'a [String],
+    failures: Vec<FailureLine<'a>>,
+    again: String,
+}
+
+#[derive(Serialize)]
+struct FailureLine<'a> {
+    step: Option<usize>,
+    does: Option<&'a str>,
+    expected: &'a str,
+    came: &'a str,
+    at_s: f64,
+    board: Option<&'a str>,
+    context: &'a [String],
+}
+
+impl<'a> From<&'a Failure> for FailureLine<'a> {
+    fn from(failure: &'a Failure) -> Self {
+        Self {
+            step: failure.step.as_ref().map(|(number, _)| *number),
+            does: failure.step.as_ref().map(|(_, does)| does.as_str()),
+            expected: &failure.expected,
+            came: &failure.came,
+            at_s: failure.at.as_secs_f64(),
+            board: failure.board.as_deref(),
+            context: &failure.context,
+        }
+    }
+}
+
+impl TestReport {
+    /// Of these.
+    pub const fn new(tested: Vec<Tested>) -> Self {
+        Self { tested }
+    }
+
+    /// Whether all passed.
+    pub fn passed(&self) -> bool {
+        self.tested.iter().all(|tested| tested.outcome.failures.is_empty())
+    }
+
+    /// For people: a line for each, and for one that failed what explains it.
+    pub fn text(&self, colour: bool) -> String {
+        let style =
+            |ansi: AnsiColor| if colour { Style::new().bold().fg_color(Some(ansi.into())) } else { Style::new() };
+        let (good, bad) = (style(AnsiColor::Green), style(AnsiColor::Red));
+        let width = self.tested.iter().map(|tested| tested.name.chars().count()).max().unwrap_or(0);
+        let mut text = String::new();
+        for tested in &self.tested {
+            let failed = !tested.outcome.failures.is_empty();
+            let (style, word) = if failed { (bad, "FAILED") } else { (good, "passed") };
+            let virtual_s = tested.outcome.end.as_secs_f64();
+            let wall = tested.wall.as_secs_f64() * 1e3;
+            let name = &tested.name;
+            _ = writeln!(text, "{style}{word}{style:#}  {name:width$}  {virtual_s:>9.3} s virtual  {wall:>8.1} ms");
+            for failure in &tested.outcome.failures {
+                _ = writeln!(text, "{failure}");
+            }
+            if failed {
+                _ = writeln!(text, "  again     {}", tested.again());
+            }
+        }
+        let failed = self.tested.iter().filter(|tested| !tested.outcome.failures.is_empty()).count();
+        let passed = self.tested.len() - failed;
+        _ = match failed {
+            0 => writeln!(text, "{good}{passed} passed{good:#}"),
+            _ => writeln!(text, "{bad}{failed} failed{bad:#}, {passed} passed"),
+        };
+        text
+    }
+
+    /// A line of JSON for each.
+    ///
+    /// # Errors
+    /// None that can happen to what a rig tells.
+    pub fn json(&self) -> serde_json::Result<String> {
+        self.tested.iter().map(|tested| Ok(serde_json::to_string(&line(tested))? + "\n")).collect()
+    }
+
+    /// As JUnit XML.
+    ///
+    /// # Errors
+    /// If a name cannot be written as XML.
+    pub fn junit(&self) -> Result<String, quick_junit::SerializeError> {
+        let mut suite = TestSuite::new("torno");
+        for tested in &self.tested {
+            let status = match tested.outcome.failures.first() {
+                None => TestCaseStatus::success(),
+                Some(first) => {
+                    let mut status = TestCaseStatus::non_success(NonSuccessKind::Failure);
+                    let text: Vec<String> = tested.outcome.failures.iter().map(ToString::to_string).collect();
+                    status.set_message(format!("expected {}, came {}", first.expected, first.came));
+                    status.set_description(format!("{}\n  again     {}", text.join("\n"), tested.again()));
+                    status
+                }
+            };
+            let mut case = TestCase::new(&tested.name, status);
+            case.set_classname(&tested.path).set_time(tested.wall);
+            suite.add_test_case(case);
+        }
+        let mut report = Report::new("torno test");
+        report.add_test_suite(suite);
+        report.to_string()
+    }
+}
+
+fn line(tested: &Tested) -> Line<'_> {
+    let Tested { path, name, seed, outcome, wall } = tested;
+    Line {
+        name,
+        path,
+        seed: *seed,
+        outcome: if outcome.failures.is_empty() { "passed" } else { "failed" },
+        virtual_s: outcome.end.as_secs_f64(),
+        wall_s: wall.as_secs_f64(),
+        digest: outcome.digest.to_string(),
+        replies: &outcome.replies,
+        failures: outcome.failures.iter().map(FailureLine::from).collect(),
+        again: tested.again(),
+    }
+}

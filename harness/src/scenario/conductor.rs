@@ -1,0 +1,470 @@
+//! Takes a rig through a scenario.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use torno_protocol::board::{Stimulus, event_text};
+use torno_protocol::lathe::{Frame, Reply, ReplyDecoder};
+use torno_protocol::time::{Instant, Span};
+
+use super::{Action, Claim, Condition, Failure, Scenario, Step, Trigger};
+use crate::engine::{Fact, Hit, Limit, NodeId, REACTION, Sight, Watch, WatchId};
+use crate::fault::{Broken, Fault};
+use crate::observe::{Digest, Sum};
+use crate::pc::{PcEvent, PcUart, RECEIVED};
+use crate::rig::{Driver, Rig, RigError};
+
+/// The first step takes place so long after the rig has started.
+const BEGIN: Span = Span::from_millis(10);
+/// So many lines of what happened before are kept for a failure.
+const CONTEXT: usize = 16;
+
+/// How a scenario ended.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// What did not hold; nothing, if it passed.
+    pub failures: Vec<Failure>,
+    /// The digest of everything that happened.
+    pub digest: Sum,
+    /// The virtual time it took.
+    pub end: Instant,
+    /// What the PC heard.
+    pub replies: Vec<String>,
+}
+
+/// Runs a scenario.
+///
+/// # Errors
+/// [`RigError`] if the rig itself breaks.
+pub async fn run(scenario: &Scenario, driver: &Driver) -> Result<Outcome, RigError> {
+    let pc = &scenario.file.pc;
+    let uart = PcUart::new(pc.baud, pc.tx_fifo, pc.clock);
+    let rig = Rig::start(&scenario.file, driver, uart).await?;
+    let mut conductor = Conductor::new(scenario, rig);
+    conductor.begin();
+    for (number, step) in scenario.steps.iter().enumerate() {
+        if let Err(failure) = conductor.step(number, step).await? {
+            conductor.failures.push(*failure);
+            return conductor.finish(false).await;
+        }
+    }
+    conductor.finish(true).await
+}
+
+struct Conductor<'a> {
+    scenario: &'a Scenario,
+    rig: Rig,
+    digest: Digest,
+    /// The last value of each quantity of each board.
+    values: Vec<Vec<i64>>,
+    decoder: ReplyDecoder,
+    /// What the PC has heard, and when.
+    replies: Vec<(Instant, String)>,
+    sending: Vec<u8>,
+    context: VecDeque<(Instant, String)>,
+    /// Everything before this has happened, and the next step takes place here.
+    now: Instant,
+    /// Faults that wait for something: which, by what, and how often it must still happen.
+    armed: Vec<(WatchId, usize, u64)>,
+    /// Faults that have begun, and whether they have met what they lay in wait for.
+    broken: BTreeMap<String, Broken>,
+    unfired: Vec<(String, Option<crate::engine::FaultId>)>,
+    failures: Vec<Failure>,
+}
+
+/// What a step came to.
+type Stepped = Result<Result<(), Box<Failure>>, RigError>;
+
+impl<'a> Conductor<'a> {
+    fn new(scenario: &'a Scenario, rig: Rig) -> Self {
+        let initial = |node: &crate::rig::Node| node.description.signals.iter().map(|signal| signal.initial).collect();
+        Self {
+            scenario,
+            digest: Digest::new(&rig),
+            values: rig.nodes().iter().map(initial).collect(),
+            rig,
+            decoder: ReplyDecoder::default(),
+            replies: Vec::new(),
+            sending: Vec::new(),
+            context: VecDeque::new(),
+            now: Instant::START + BEGIN,
+            armed: Vec::new(),
+            broken: BTreeMap::new(),
+            unfired: scenario.faults.iter().map(|(_, fault)| (fault.name.clone(), None)).collect(),
+            failures: Vec::new(),
+        }
+    }
+
+    /// Sets the PC up, and the faults that begin by themselves.
+    fn begin(&mut self) {
+        let ixon = self.scenario.held;
+        let configure = Stimulus::Configure { baud: self.scenario.file.pc.baud, ixon };
+        let pc = self.rig.pc();
+        self.rig.stimulate(pc, Instant::START.next(), configure);
+        for (place, (trigger, fault)) in self.scenario.faults.iter().enumerate() {
+            match trigger {
+                Trigger::At(at) => self.break_it(fault, *at),
+                Trigger::When(condition) => {
+                    let watch = self.watch(condition);
+                    self.armed.push((watch, place, occurrences(condition)));
+                }
+            }
+        }
+    }
+
+    fn watch(&mut self, condition: &Condition) -> WatchId {
+        let watch = match condition {
+            Condition::Reply(_) => Watch { node: self.rig.pc(), what: Sight::Event(RECEIVED) },
+            Condition::Value(Claim { node, signal, least, most, .. }) => {
+                let what = Sight::Telemetry { signal: *signal, least: *least, most: *most };
+                Watch { node: *node, what }
+            }
+            Condition::Event { node, event, .. } => Watch { node: *node, what: Sight::Event(*event) },
+            Condition::Character { node, port, .. } => Watch { node: *node, what: Sight::Character(*port) },
+        };
+        self.rig.watch(watch)
+    }
+
+    fn break_it(&mut self, fault: &Fault, at: Instant) {
+        let broken = fault.begin(&mut self.rig, at);
+        self.note(at, &format!("fault '{}' begins", fault.name));
+        let lies_in_wait = broken.line.filter(|_| fault.lies_in_wait());
+        self.unfired.retain(|(name, _)| *name != fault.name);
+        if lies_in_wait.is_some() {
+            self.unfired.push((fault.name.clone(), lies_in_wait));
+        }
+        self.broken.insert(fault.name.clone(), broken);
+    }
+
+    async fn step(&mut self, number: usize, step: &Step) -> Stepped {
+        match &step.action {
+            Action::Send(bytes) => {
+                let pc = self.rig.pc();
+                self.rig.stimulate(pc, self.now, Stimulus::Write(bytes.clone()));
+            }
+            Action::Run(span) => {
+                let until = self.now + *span;
+                self.advance(until, None).await?;
+                self.now = until;
+            }
+            Action::Wait(condition, within) => return self.wait(number, step, condition, *within).await,
+            Action::Break(fault) => self.break_it(fault, self.now),
+            Action::Heal(name) => {
+                if let Some(broken) = self.broken.remove(name) {
+                    broken.heal(&mut self.rig, self.now);
+                    self.note(self.now, &format!("fault '{name}' is healed"));
+                }
+            }
+            Action::Check(claim) => {
+                self.catch_up(self.now).await?;
+                if let Some(came) = self.contradicts(claim) {
+                    return Ok(Err(self.failure(Some((number, step)), &claim.to_string(), came, Some(claim.node))));
+                }
+            }
+        }
+        Ok(Ok(()))
+    }
+
+    async fn wait(&mut self, number: usize, step: &Step, condition: &Condition, within: Span) -> Stepped {
+        let deadline = self.now + within;
+        if let Condition::Value(claim) = condition {
+            self.catch_up(self.now).await?;
+            if self.contradicts(claim).is_none() {
+                return Ok(Ok(()));
+            }
+        }
+        let heard = self.replies.len();
+        let watch = self.watch(condition);
+        let happened = self.advance(deadline, Some((watch, condition))).await?;
+        self.rig.unwatch(watch);
+        match happened {
+            Some(at) => {
+                self.now = at;
+                Ok(Ok(()))
+            }
+            None => {
+                self.now = deadline;
+                let (came, node) = match condition {
+                    Condition::Reply(_) if self.replies.len() == heard => ("no reply".to_owned(), None),
+                    Condition::Reply(_) => {
+                        let replies: Vec<&str> =
+                            self.replies[heard..].iter().map(|(_, reply)| reply.as_str()).collect();
+                        (replies.join(" "), None)
+                    }
+                    Condition::Value(claim) => (self.contradicts(claim).unwrap_or_default(), Some(claim.node)),
+                    Condition::Event { node, .. } | Condition::Character { node, .. } => {
+                        ("nothing of the kind".to_owned(), Some(*node))
+                    }
+                };
+                let expected = format!("{condition} within {within}");
+                Ok(Err(self.failure(Some((number, step)), &expected, came, node)))
+            }
+        }
+    }
+
+    /// What contradicts a claim.
+    fn contradicts(&self, claim: &Claim) -> Option<String> {
+        let value = self.values[claim.node][usize::from(claim.signal)];
+        (!claim.holds(value)).then(|| format!("{} = {value}", claim.name))
+    }
+
+    /// Lets everything happen before `until`, or up to what is waited for. Says when that was acted on.
+    async fn advance(
+        &mut self,
+        until: Instant,
+        awaited: Option<(WatchId, &Condition)>,
+    ) -> Result<Option<Instant>, RigError> {
+        let mut count = awaited.map_or(0, |(_, condition)| occurrences(condition));
+        loop {
+            let more = self.rig.step(Limit::until(until)).await?;
+            self.note_facts();
+            let hits = self.rig.take_hits();
+            if hits.is_empty() && !more {
+                return Ok(None);
+            }
+            let mut happened = None;
+            for hit in hits {
+                self.trigger(hit);
+                if let Some((_, condition)) = awaited.filter(|(watch, _)| *watch == hit.watch)
+                    && happened.is_none()
+                    && self.is_met(condition, hit.at)
+                {
+                    count -= 1;
+                    happened = (count == 0).then_some(hit.at + REACTION);
+                }
+            }
+            if happened.is_some() {
+                return Ok(happened);
+            }
+        }
+    }
+
+    /// Begins the faults that have waited for this.
+    fn trigger(&mut self, hit: Hit) {
+        let scenario = self.scenario;
+        let Some(armed) = self.armed.iter().position(|(watch, ..)| *watch == hit.watch) else { return };
+        let (watch, place, left) = self.armed[armed];
+        let (Trigger::When(condition), fault) = &scenario.faults[place] else { return };
+        if !self.is_met(condition, hit.at) {
+            return;
+        }
+        if left > 1 {
+            self.armed[armed].2 -= 1;
+            return;
+        }
+        self.armed.remove(armed);
+        self.rig.unwatch(watch);
+        self.break_it(fault, hit.at + REACTION);
+    }
+
+    /// Whether what a watch has seen is what was meant.
+    fn is_met(&self, condition: &Condition, at: Instant) -> bool {
+        match condition {
+            Condition::Reply(reply) => {
+                self.replies.iter().rev().any(|(heard, text)| *heard == at && is_reply(text, reply))
+            }
+            _ => true,
+        }
+    }
+
+    /// Brings every board's quantities up to `at`, mute or not.
+    async fn catch_up(&mut self, at: Instant) -> Result<(), RigError> {
+        self.advance(at, None).await?;
+        self.rig.catch_up(at).await?;
+        self.note_facts();
+        Ok(())
+    }
+
+    fn note_facts(&mut self) {
+        for fact in self.rig.take_facts() {
+            self.digest.add(&fact);
+            match fact {
+                Fact::Telemetry { node, at, signal, value } => {
+                    self.values[node][usize::from(signal)] = value;
+                    self.check_always(node, at, signal, value);
+                    let is = |claim: &Claim| (claim.node, claim.signal) == (node, signal) && claim.holds(value);
+                    self.check_never(at, node, |never| matches!(never, Condition::Value(claim) if is(claim)));
+                }
+                Fact::Event { node, at, event, value } if node == self.rig.pc() => {
+                    self.note_pc(at, PcEvent::from_numbers(event, value));
+                }
+                Fact::Event { node, at, event, value } => {
+                    let text = &self.rig.nodes()[node].description.events[usize::from(event)];
+                    let line = format!("{}: {}", self.rig.nodes()[node].name, event_text(text, value));
+                    self.note(at, &line);
+                    let is = |n: NodeId, e: u8| (n, e) == (node, event);
+                    self.check_never(
+                        at,
+                        node,
+                        |never| matches!(never, Condition::Event { node, event, .. } if is(*node, *event)),
+                    );
+                }
+                Fact::Edges { .. } => {}
+            }
+        }
+    }
+
+    fn note_pc(&mut self, at: Instant, event: Option<PcEvent>) {
+        match event {
+            Some(PcEvent::Sent(byte)) => {
+                self.sending.push(byte);
+                if let Ok(frame) = <[u8; 8]>::try_from(self.sending.as_slice()) {
+                    self.sending.clear();
+                    let bytes: Vec<String> = frame.iter().map(|byte| format!("{byte:02X}")).collect();
+                    let meaning =
+                        Frame::parse(frame).map_or_else(|refusal| refusal.to_string(), |_| "a frame".to_owned());
+                    self.note(at, &format!("pc sends {} ({meaning})", bytes.join(" ")));
+                }
+            }
+            Some(PcEvent::Received(byte)) => {
+                for reply in self.decoder.push(byte) {
+                    self.note(at, &format!("pc hears {reply}"));
+                    let text = reply_text(reply);
+                    self.replies.push((at, text.clone()));
+                    let pc = self.rig.pc();
+                    self.check_never(
+                        at,
+                        pc,
+                        |never| matches!(never, Condition::Reply(reply) if is_reply(&text, reply)),
+                    );
+                }
+            }
+            Some(PcEvent::Garbled(byte)) => self.note(at, &format!("pc hears a garbled {byte:02X}")),
+            None => {}
+        }
+    }
+
+    fn check_always(&mut self, node: NodeId, at: Instant, signal: u8, value: i64) {
+        let scenario = self.scenario;
+        for claim in &scenario.always {
+            if (claim.node, claim.signal) == (node, signal) && !claim.holds(value) {
+                self.violated(at, &format!("always {claim}"), format!("{} = {value}", claim.name), node);
+            }
+        }
+    }
+
+    fn check_never(&mut self, at: Instant, node: NodeId, is: impl Fn(&Condition) -> bool) {
+        let scenario = self.scenario;
+        if let Some(never) = scenario.never.iter().find(|never| is(never)) {
+            self.violated(at, &format!("never {never}"), "it happened".to_owned(), node);
+        }
+    }
+
+    /// Each promise is broken once only.
+    fn violated(&mut self, at: Instant, expected: &str, came: String, node: NodeId) {
+        if self.failures.iter().all(|failure| failure.expected != expected) {
+            let failure = self.failure(None, expected, came, Some(node));
+            self.failures.push(Failure { at, ..*failure });
+        }
+    }
+
+    fn failure(
+        &self,
+        step: Option<(usize, &Step)>,
+        expected: &str,
+        came: String,
+        node: Option<NodeId>,
+    ) -> Box<Failure> {
+        Box::new(Failure {
+            step: step.map(|(number, step)| (number + 1, step.does.clone())),
+            expected: expected.to_owned(),
+            came,
+            at: self.now,
+            board: node.map(|node| self.rig.nodes()[node].name.clone()),
+            context: self.context().collect(),
+        })
+    }
+
+    fn note(&mut self, at: Instant, line: &str) {
+        if self.context.len() == CONTEXT {
+            self.context.pop_front();
+        }
+        self.context.push_back((at, line.to_owned()));
+    }
+
+    /// What has happened by now, in order: faults are noted ahead of their time.
+    fn context(&self) -> impl Iterator<Item = String> {
+        let mut lines: Vec<_> = self.context.iter().filter(|(at, _)| *at <= self.now).collect();
+        lines.sort_by_key(|(at, _)| *at);
+        lines.into_iter().map(|(at, line)| format!("{at}  {line}"))
+    }
+
+    async fn finish(mut self, passed: bool) -> Result<Outcome, RigError> {
+        let limit = Instant::START + self.scenario.end;
+        let end = if passed { self.fall_quiet(limit).await? } else { self.now };
+        self.catch_up(end).await?;
+        self.now = end;
+        if passed {
+            self.check_end();
+        }
+        let replies = self.replies.into_iter().map(|(_, reply)| reply).collect();
+        Ok(Outcome { failures: self.failures, digest: self.digest.sum(), end, replies })
+    }
+
+    /// Lets everything happen until the rig is quiet, but nothing after `limit`. Says when that is.
+    async fn fall_quiet(&mut self, limit: Instant) -> Result<Instant, RigError> {
+        let limit = limit.max(self.now);
+        loop {
+            self.advance(self.now, None).await?;
+            if self.rig.engine().is_quiet() {
+                return Ok(self.rig.engine().quiet_since().next().max(self.now));
+            }
+            if self.now >= limit {
+                return Ok(limit);
+            }
+            // As far as the next thing that happens, and no further: a watched board that is mute is never at an end.
+            self.now = limit.min(self.rig.engine().next_instant().next().max(self.now.next()));
+        }
+    }
+
+    fn check_end(&mut self) {
+        let scenario = self.scenario;
+        if let Some(expected) = &scenario.replies {
+            let came: Vec<&str> = self.replies.iter().map(|(_, reply)| reply.as_str()).collect();
+            if *expected != came {
+                let failure = self.failure(None, &format!("the replies {}", expected.join(" ")), came.join(" "), None);
+                self.failures.push(*failure);
+            }
+        }
+        for claim in &scenario.finally {
+            if let Some(came) = self.contradicts(claim) {
+                let failure = self.failure(None, &format!("finally {claim}"), came, Some(claim.node));
+                self.failures.push(*failure);
+            }
+        }
+        let fired = self.rig.take_fired();
+        let never: Vec<String> = self
+            .unfired
+            .iter()
+            .filter(|(_, fault)| fault.is_none_or(|fault| !fired.contains(&fault)))
+            .map(|(name, _)| name.clone())
+            .collect();
+        for name in never {
+            let failure = self.failure(None, &format!("the fault '{name}'"), "it never fired".to_owned(), None);
+            self.failures.push(*failure);
+        }
+    }
+}
+
+fn occurrences(condition: &Condition) -> u64 {
+    if let Condition::Character { nth, .. } = condition { *nth } else { 1 }
+}
+
+/// `NAK` alone stands for any refusal, `CAN` for any failure.
+fn is_reply(heard: &str, expected: &str) -> bool {
+    heard == expected || heard.split(' ').next() == Some(expected)
+}
+
+/// A reply as scenarios write it: its name and its letters.
+fn reply_text(reply: Reply) -> String {
+    let bytes = reply.emit();
+    let name = match reply {
+        Reply::Ack => "ACK",
+        Reply::Xoff => "XOFF",
+        Reply::Xon => "XON",
+        Reply::Nak(_) => "NAK",
+        Reply::Can(..) => "CAN",
+        Reply::Unknown(byte) => return format!("?{byte:02X}"),
+    };
+    let letters = bytes[1..].iter().map(|letter| format!(" {}", char::from(*letter)));
+    core::iter::once(name.to_owned()).chain(letters).collect()
+}
