@@ -19,4 +19,5 @@ pub mod rig;
 pub mod scenario;
 pub mod seat;
 pub mod send;
+pub mod sweep;
 pub mod text;

@@ -3,6 +3,7 @@
 mod board;
 mod run;
 mod send;
+mod sweep;
 mod test;
 mod up;
 
@@ -58,6 +59,8 @@ enum Command {
     Send(send::Arguments),
     /// Runs scenarios: programs with faults, and what must hold.
     Test(test::Arguments),
+    /// Runs a scenario over seeds, and over ranges of whatever its files say.
+    Sweep(sweep::Arguments),
     /// Is one board; this is what the launcher starts.
     Board(board::Arguments),
 }
@@ -75,6 +78,7 @@ pub(crate) fn main(started: Instant) -> ExitCode {
             Command::Up(arguments) => arguments.run().await,
             Command::Send(arguments) => arguments.run(started).await,
             Command::Test(arguments) => arguments.run(),
+            Command::Sweep(arguments) => arguments.run(),
             Command::Board(arguments) => arguments.run().await,
         }
     });

@@ -1,16 +1,13 @@
 //! `torno test`
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::Duration;
 
 use anyhow::Context;
 use torno::observe::log;
-use torno::report::{Bar, TestReport, Tested};
-use torno::rig::{Driver, RigError};
-use torno::scenario::{self, Scenario};
+use torno::report::{Bar, TestReport};
+use torno::rig::RigError;
+use torno::scenario::{Scenario, run_all};
 
 use super::{FAILED, colour, driver, print};
 
@@ -42,12 +39,12 @@ impl Arguments {
         let mut scenarios = Vec::new();
         for path in files(&self.scenarios)? {
             let scenario = Scenario::load(&path, self.seed)?;
-            scenarios.push((path, scenario));
+            scenarios.push((path.display().to_string(), scenario));
         }
         let driver = driver(!self.processes)?;
         let jobs = self.jobs.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
         let bar = Bar::of_scenarios(scenarios.len());
-        let tested = run_all(&scenarios, &driver, jobs, &bar);
+        let tested = run_all(&scenarios, &driver, jobs, |done| bar.count(done));
         bar.clear();
         let report = TestReport::new(tested.into_iter().collect::<Result<Vec<_>, RigError>>()?);
         if let Some(path) = &self.junit {
@@ -75,41 +72,4 @@ fn files(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
         files.extend(found);
     }
     Ok(files)
-}
-
-/// Runs all, so many at once; the results are in the order of the scenarios.
-fn run_all(
-    scenarios: &[(PathBuf, Scenario)],
-    driver: &Driver,
-    jobs: usize,
-    bar: &Bar,
-) -> Vec<Result<Tested, RigError>> {
-    let next = AtomicUsize::new(0);
-    let done: Mutex<Vec<(usize, Result<Tested, RigError>)>> = Mutex::new(Vec::new());
-    std::thread::scope(|scope| {
-        for _ in 0..jobs.min(scenarios.len()) {
-            scope.spawn(|| {
-                while let Some((place, (path, scenario))) =
-                    Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|place| Some((place, scenarios.get(place)?)))
-                {
-                    let tested = run_one(path, scenario, driver);
-                    let mut done = done.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-                    done.push((place, tested));
-                    bar.count(done.len());
-                }
-            });
-        }
-    });
-    let mut done = done.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
-    done.sort_by_key(|(place, _)| *place);
-    done.into_iter().map(|(_, tested)| tested).collect()
-}
-
-#[expect(clippy::disallowed_methods, reason = "how long a scenario takes is told beside its result")]
-fn run_one(path: &Path, scenario: &Scenario, driver: &Driver) -> Result<Tested, RigError> {
-    let started = std::time::Instant::now();
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let outcome = runtime.block_on(scenario::run(scenario, driver))?;
-    let wall: Duration = started.elapsed();
-    Ok(Tested { path: path.display().to_string(), name: scenario.name.clone(), seed: scenario.seed, outcome, wall })
 }

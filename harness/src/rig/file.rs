@@ -32,6 +32,8 @@ pub struct RigFile {
     pub boards: Vec<Board>,
     /// The links between boards, each as two ends: a board's place in `boards` and its port.
     pub links: Vec<[(usize, u8); 2]>,
+    /// The file's text.
+    pub text: String,
 }
 
 /// The PC's UART and what it is connected to.
@@ -188,16 +190,17 @@ impl RigFile {
         let of_toml = |error: toml::de::Error| invalid((error.span().unwrap_or(0..0), error.message().to_owned()));
         let table = DeTable::parse(text).map_err(of_toml)?;
         let raw = RawRig::deserialize(toml::Deserializer::from(table.clone())).map_err(of_toml)?;
-        Self::check(raw, table.get_ref()).map_err(invalid)
+        let file = Self::check(raw, table.get_ref()).map_err(invalid)?;
+        Ok(Self { text: text.to_owned(), ..file })
     }
 
-    /// `table` is the file that `raw` was read from: it still knows where each setting stands.
     /// Longer than a character takes on any line: two at the slowest speed, as no clock is wrong by half.
     pub fn margin(&self) -> Span {
         let slowest = self.pc.baud.min(BAUD);
         Span::from_nanos(2 * BITS_PER_CHARACTER * 1_000_000_000 / u64::from(slowest))
     }
 
+    /// `table` is the file that `raw` was read from: it still knows where each setting stands.
     fn check(raw: RawRig, table: &DeTable<'_>) -> Result<Self, Complaint> {
         if raw.dialect.get_ref() != "lathe" {
             let message = format!("unknown dialect '{}': expected lathe", raw.dialect.get_ref());
@@ -249,7 +252,7 @@ impl RigFile {
             }
             links.push(link);
         }
-        Ok(Self { name: raw.name.into_inner(), pc, boards, links })
+        Ok(Self { name: raw.name.into_inner(), pc, boards, links, text: String::new() })
     }
 }
 

@@ -4,10 +4,12 @@
 //! everywhere: a step that waits ends [`REACTION`](crate::engine::REACTION) after what it waited for; one that acts
 //! takes no time.
 
+mod batch;
 mod conductor;
 mod failure;
 mod file;
 
+pub use batch::run_all;
 pub use conductor::{Outcome, run};
 pub use failure::Failure;
 pub(crate) use file::RawCondition;

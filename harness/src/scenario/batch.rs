@@ -1,0 +1,47 @@
+//! Many scenarios at once.
+
+use std::sync::Mutex;
+use std::sync::PoisonError;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use super::{Scenario, run};
+use crate::report::Tested;
+use crate::rig::{Driver, RigError};
+
+/// Runs all, `jobs` at once; `done` hears how many are. The results are in the order of the scenarios, which come with
+/// their files' names.
+pub fn run_all(
+    scenarios: &[(String, Scenario)],
+    driver: &Driver,
+    jobs: usize,
+    done: impl Fn(usize) + Sync,
+) -> Vec<Result<Tested, RigError>> {
+    let next = AtomicUsize::new(0);
+    let results: Mutex<Vec<(usize, Result<Tested, RigError>)>> = Mutex::new(Vec::new());
+    std::thread::scope(|scope| {
+        for _ in 0..jobs.min(scenarios.len()) {
+            scope.spawn(|| {
+                loop {
+                    let place = next.fetch_add(1, Ordering::Relaxed);
+                    let Some((path, scenario)) = scenarios.get(place) else { break };
+                    let tested = run_one(path, scenario, driver);
+                    let mut results = results.lock().unwrap_or_else(PoisonError::into_inner);
+                    results.push((place, tested));
+                    done(results.len());
+                }
+            });
+        }
+    });
+    let mut results = results.into_inner().unwrap_or_else(PoisonError::into_inner);
+    results.sort_by_key(|(place, _)| *place);
+    results.into_iter().map(|(_, tested)| tested).collect()
+}
+
+#[expect(clippy::disallowed_methods, reason = "how long a scenario takes is told beside its result")]
+fn run_one(path: &str, scenario: &Scenario, driver: &Driver) -> Result<Tested, RigError> {
+    let started = std::time::Instant::now();
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let outcome = runtime.block_on(run(scenario, driver))?;
+    let (path, name, seed) = (path.to_owned(), scenario.name.clone(), scenario.seed);
+    Ok(Tested { path, name, seed, outcome, wall: started.elapsed() })
+}

@@ -1,0 +1,225 @@
+//! What is varied: a place in the scenario's file or its rig's, and the values that it takes.
+
+use std::path::Path;
+
+use toml::{Table, Value};
+
+use crate::rig::file::RigFile;
+use crate::scenario::{Scenario, ScenarioError};
+use crate::text::{self, TextError, nearest};
+
+/// A range has so many values at the most.
+const VALUES_MAX: usize = 10_000;
+
+/// Why something cannot be varied.
+#[derive(Debug, thiserror::Error)]
+pub enum SweepError {
+    /// The variation is none.
+    #[error("--vary '{text}': expected PLACE=FROM..TO, PLACE=FROM..TO/COUNT or PLACE=VALUE,VALUE…: {message}")]
+    Variation {
+        /// What was given.
+        text: String,
+        /// What is wrong.
+        message: String,
+    },
+    /// There is no such place.
+    #[error("--vary '{path}': {message}")]
+    Place {
+        /// The place.
+        path: String,
+        /// What is wrong.
+        message: String,
+    },
+    /// The file cannot be read.
+    #[error("{path}: cannot read the scenario")]
+    Unreadable {
+        /// The file.
+        path: String,
+        /// Why.
+        source: TextError,
+    },
+    /// What comes of it is no scenario.
+    #[error(transparent)]
+    Scenario(#[from] ScenarioError),
+}
+
+/// A place and its values.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Variation {
+    /// `fault.NAME.FIELD`, `board.NAME.clock_ppm`, `board.NAME.settings.FIELD`, `pc.FIELD`.
+    pub path: String,
+    /// The values, as a file would have them.
+    pub values: Vec<String>,
+}
+
+impl Variation {
+    /// Reads `PLACE=FROM..TO/COUNT` (11 if not said; units at either end or both) or `PLACE=VALUE,VALUE…`.
+    ///
+    /// # Errors
+    /// [`SweepError::Variation`].
+    pub fn parse(text: &str) -> Result<Self, SweepError> {
+        let wrong = |message: &str| SweepError::Variation { text: text.to_owned(), message: message.to_owned() };
+        let (path, values) = text.split_once('=').ok_or_else(|| wrong("there is no '='"))?;
+        let (path, values) = (path.trim().to_owned(), values.trim());
+        let Some((from, to)) = values.split_once("..") else {
+            return Ok(Self { path, values: values.split(',').map(|value| value.trim().to_owned()).collect() });
+        };
+        let (to, count) = match to.split_once('/') {
+            Some((to, count)) => (to, count.trim().parse().map_err(|_| wrong("COUNT is no number"))?),
+            None => (to, 11),
+        };
+        let ((from, unit_from), (to, unit_to)) = (number(from), number(to));
+        let (Some(from), Some(to)) = (from, to) else { return Err(wrong("FROM or TO is no number")) };
+        let unit = if unit_to.is_empty() { unit_from } else { unit_to };
+        if !unit_from.is_empty() && unit_from != unit {
+            return Err(wrong("FROM and TO have different units"));
+        }
+        if !(2..=VALUES_MAX).contains(&count) {
+            return Err(wrong("COUNT is not from 2 to 10000"));
+        }
+        let value = |n: usize| {
+            let value = from + (to - from) * n as f64 / (count - 1) as f64;
+            // What is written in a file must not end in the noise of floating point.
+            let value = (value * 1e9).round() / 1e9;
+            if unit.is_empty() { format!("{value}") } else { format!("{value} {unit}") }
+        };
+        Ok(Self { path, values: (0..count).map(value).collect() })
+    }
+}
+
+/// A number and its unit.
+fn number(text: &str) -> (Option<f64>, &str) {
+    let text = text.trim();
+    let end = text.find(|c: char| !matches!(c, '0'..='9' | '.' | '-' | '+')).unwrap_or(text.len());
+    (text[..end].parse().ok(), text[end..].trim())
+}
+
+/// A scenario's text and its rig's, in which values can be put.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    path: String,
+    scenario: Table,
+    rig: Table,
+}
+
+impl Scene {
+    /// Reads both.
+    ///
+    /// # Errors
+    /// [`SweepError`] if the scenario as it stands is none.
+    pub fn load(path: &Path) -> Result<Self, SweepError> {
+        let name = path.display().to_string();
+        let text = text::read(path).map_err(|source| SweepError::Unreadable { path: name.clone(), source })?;
+        let scenario = Scenario::parse(&name, &text, None)?;
+        let table = |text: &str| toml::from_str(text).unwrap_or_default();
+        Ok(Self { path: name, scenario: table(&text), rig: table(&scenario.file.text) })
+    }
+
+    /// The faults' names, in the order of the file.
+    pub fn faults(&self) -> Vec<String> {
+        self.tables("fault").iter().map(|fault| fault_name(fault)).collect()
+    }
+
+    /// The scenario without these of its faults.
+    pub fn without(&self, faults: &[String]) -> Self {
+        let mut scene = self.clone();
+        if let Some(Value::Array(all)) = scene.scenario.get_mut("fault") {
+            all.retain(|fault| fault.as_table().is_none_or(|fault| !faults.contains(&fault_name(fault))));
+        }
+        scene
+    }
+
+    fn tables(&self, key: &str) -> Vec<&Table> {
+        let array = self.scenario.get(key).and_then(Value::as_array);
+        array.into_iter().flatten().filter_map(Value::as_table).collect()
+    }
+
+    /// The scenario with these values and this seed.
+    ///
+    /// # Errors
+    /// [`SweepError`] if there is no such place, or the value does not fit it.
+    pub fn with(&self, values: &[(String, String)], seed: u64) -> Result<Scenario, SweepError> {
+        let mut scene = self.clone();
+        for (path, value) in values {
+            let wrong = |message| SweepError::Place { path: path.clone(), message };
+            *scene.place(path).map_err(wrong)? = toml_value(value);
+        }
+        let text = toml::to_string(&scene.scenario).unwrap_or_default();
+        let mut scenario = Scenario::parse(&scene.path, &text, Some(seed))?;
+        if values.iter().any(|(path, _)| !path.starts_with("fault.")) {
+            let rig = toml::to_string(&scene.rig).unwrap_or_default();
+            scenario.file =
+                RigFile::parse(&format!("{} as varied", scenario.rig), &rig).map_err(ScenarioError::from)?;
+        }
+        Ok(scenario)
+    }
+
+    fn place(&mut self, path: &str) -> Result<&mut Value, String> {
+        let mut words = path.split('.');
+        let first = words.next().unwrap_or_default();
+        let known = ["fault", "board", "pc"];
+        if !known.contains(&first) {
+            return Err(format!("there is no '{first}'{}", nearest(first, &known)));
+        }
+        let mut table = if first == "fault" { &mut self.scenario } else { &mut self.rig };
+        if first == "pc" {
+            table = table.entry("pc").or_insert_with(|| Value::Table(Table::new())).as_table_mut().ok_or("no table")?;
+        } else {
+            let name = words.next().unwrap_or_default();
+            let all = table.get_mut(first).and_then(Value::as_array_mut).ok_or(format!("there is no {first}"))?;
+            let label = |table: &Table| if first == "fault" { fault_name(table) } else { text_of(table, "name") };
+            let known: Vec<String> = all.iter().filter_map(Value::as_table).map(label).collect();
+            let found = known.iter().position(|other| other == name).ok_or_else(|| {
+                let known: Vec<&str> = known.iter().map(String::as_str).collect();
+                format!("there is no {first} '{name}'{}", nearest(name, &known))
+            })?;
+            table = all[found].as_table_mut().ok_or("no table")?;
+        }
+        let words: Vec<&str> = words.collect();
+        let (last, tables) = words.split_last().ok_or("expected a field after it")?;
+        for word in tables {
+            let entry = table.entry(*word).or_insert_with(|| Value::Table(Table::new()));
+            table = entry.as_table_mut().ok_or_else(|| format!("'{word}' is not a table"))?;
+        }
+        Ok(table.entry(*last).or_insert(Value::Integer(0)))
+    }
+}
+
+fn text_of(table: &Table, key: &str) -> String {
+    table.get(key).and_then(Value::as_str).unwrap_or_default().to_owned()
+}
+
+/// As the fault's own file has it: its name, or its place and kind.
+fn fault_name(fault: &Table) -> String {
+    match text_of(fault, "name") {
+        name if !name.is_empty() => name,
+        _ => format!("{}{} {}", text_of(fault, "line"), text_of(fault, "board"), text_of(fault, "kind")),
+    }
+}
+
+fn toml_value(text: &str) -> Value {
+    let integer = text.parse().map(Value::Integer).ok();
+    let float = || text.parse().map(Value::Float).ok();
+    integer.or_else(float).unwrap_or_else(|| Value::String(text.to_owned()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn values(text: &str) -> Vec<String> {
+        Variation::parse(text).unwrap().values
+    }
+
+    #[test]
+    fn a_variation_is_a_range_or_a_list() {
+        assert_eq!(values("a.b=0..1/3"), ["0", "0.5", "1"]);
+        assert_eq!(values("a=-2..2%/5"), ["-2 %", "-1 %", "0 %", "1 %", "2 %"]);
+        assert_eq!(values("a=1 ms..3 ms/3"), ["1 ms", "2 ms", "3 ms"]);
+        assert_eq!(values("a=1,2,7"), ["1", "2", "7"]);
+        assert_eq!(values("a=0..10").len(), 11);
+        for wrong in ["a", "a=..", "a=1..x", "a=1..2/1", "a=1..2/x", "a=1 s..2 ms"] {
+            assert!(Variation::parse(wrong).is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,86 @@
+//! `torno sweep`: tables over seeds and values, shards that make the whole, and the fewest faults that still fail.
+
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
+
+mod common;
+
+use std::fs;
+
+use common::{folder, output};
+
+const NOISE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/sweeps/line-noise.toml");
+const CLOCK: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/sweeps/clock-margin.toml");
+
+fn text(arguments: &[&str]) -> String {
+    let output = output(arguments);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+#[test]
+fn the_table_has_a_row_for_each_combination_and_counts_every_seed() {
+    let vary = ["--vary", "fault.noise.period=3 ms,1 s", "--vary", "board.depth.clock_ppm=-90000..0/2"];
+    let csv = text(&[&["sweep", NOISE, "--seeds", "5", "--csv"][..], &vary].concat());
+    let rows: Vec<Vec<&str>> = csv.lines().map(|line| line.split(',').collect()).collect();
+    assert_eq!(rows[0], ["fault.noise.period", "board.depth.clock_ppm", "runs", "passed", "told", "untold"]);
+    let cells: Vec<&[&str]> = rows[1..].iter().map(|row| &row[..3]).collect();
+    let expected = [["3 ms", "-90000", "5"], ["3 ms", "0", "5"], ["1 s", "-90000", "5"], ["1 s", "0", "5"]];
+    assert_eq!(cells, expected);
+    // A clock that is 9 % slow never works, and the PC is told.
+    assert!([1, 3].iter().all(|row| rows[*row][3..] == ["0", "5", "0"]), "{csv}");
+}
+
+#[test]
+fn shards_make_the_whole_on_any_number_of_processors() {
+    let folder = folder();
+    let sweep = ["sweep", NOISE, "--seeds", "7", "--vary", "fault.noise.width=10us..500us/3"];
+    let whole = text(&[&sweep[..], &["--csv", "--jobs", "1"]].concat());
+    let mut merge = vec!["sweep".to_owned(), "--merge".to_owned(), "--csv".to_owned()];
+    for shard in 1..=3 {
+        let part = text(&[&sweep[..], &["--json", "--shard", &format!("{shard}/3")]].concat());
+        assert_eq!(part.lines().count(), 7);
+        let path = folder.path().join(format!("{shard}.jsonl"));
+        fs::write(&path, part).unwrap();
+        merge.push(path.to_str().unwrap().to_owned());
+    }
+    let merged = text(&merge.iter().map(String::as_str).collect::<Vec<_>>());
+    let sorted = |csv: &str| {
+        let mut rows: Vec<String> = csv.lines().skip(1).map(str::to_owned).collect();
+        rows.sort();
+        rows
+    };
+    assert_eq!(sorted(&merged), sorted(&whole));
+}
+
+#[test]
+fn a_failure_names_the_fewest_faults_that_cause_it() {
+    let folder = folder();
+    let path = folder.path().join("three.toml");
+    let harmless = "\n[[fault]]\nboard = \"depth\"\nkind = \"clock\"\nvalue = \"1 %\"\n";
+    let fatal = "\n[[fault]]\nname = \"cable\"\nline = \"depth_to_master\"\nkind = \"cut\"\n";
+    let slow = "\n[[fault]]\nboard = \"spindle\"\nkind = \"slow\"\nvalue = \"10 us\"\n";
+    fs::write(&path, fs::read_to_string(CLOCK).unwrap() + harmless + fatal + slow).unwrap();
+    let output = output(&["sweep", path.to_str().unwrap(), "--seeds", "2"]);
+    assert_eq!(output.status.code(), Some(1), "without a variation it is a test");
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(text.contains("first failure: seed 0, by cable\n"), "{text}");
+    assert!(text.contains("came      ACK XOFF CAN d n"), "{text}");
+}
+
+#[test]
+fn what_cannot_be_varied_is_said_with_what_could_be_meant() {
+    for (vary, expected) in [
+        ("fault.nose.period=1 s", "there is no fault 'nose': did you mean 'noise'?"),
+        ("board.spindel.clock_ppm=1", "there is no board 'spindel': did you mean 'spindle'?"),
+        ("bord.spindle.clock_ppm=1", "there is no 'bord': did you mean 'board'?"),
+        ("fault.noise.period=1 s..2 ms", "FROM and TO have different units"),
+        ("fault.noise.period", "there is no '='"),
+        ("fault.noise.period=7", "invalid type: integer `7`"),
+        ("board.depth.clock_ppm=1e6", "expected -200000 to 200000"),
+    ] {
+        let output = output(&["sweep", NOISE, "--vary", vary]);
+        let error = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{vary}: {error}");
+        assert!(error.contains(expected), "{vary}: {error}\nlacks {expected}");
+    }
+}
