@@ -10,8 +10,8 @@ use crate::plant::shaft::Shaft;
 /// ω² = Km/τ and 2ξω = 1/τ give τ = 0.71875 s and Km = 2.664 1/s.
 ///
 /// Between motor and carriage there can be dead travel: after a reversal the carriage stands until the gap is taken up.
-/// The gap opens with the flank in contact that pushes in the positive sense, so the first to find it is a motion in the
-/// negative one. (Ours.) The carriage does not coast across it. (Ours: friction in the slides.)
+/// The gap opens with the flank in contact that pushes in the positive sense, so the first to find it is a motion in
+/// the negative one. (Ours.) The carriage does not coast across it. (Ours: friction in the slides.)
 #[derive(Clone, Debug)]
 pub(crate) struct PositionMotor {
     shaft: Shaft,
