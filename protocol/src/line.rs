@@ -62,6 +62,13 @@ impl Waveform {
         }
     }
 
+    /// The level from `first` to `last`, if it does not change in between.
+    pub fn steady(&self, first: Instant, last: Instant) -> Option<Level> {
+        let n = self.edges.partition_point(|edge| edge.at <= first);
+        let level = if n == 0 { self.before } else { self.edges[n - 1].level };
+        self.edges.get(n).is_none_or(|edge| edge.at > last).then_some(level)
+    }
+
     /// The first edge to low at or after `t`.
     pub fn falling_from(&self, t: Instant) -> Option<Instant> {
         self.first_from(t, Level::Low)

@@ -78,8 +78,8 @@ impl PositionMotor {
         self.position = self.carriage.follow(self.position);
     }
 
-    /// Something hard stops the carriage at `place` from now on, on that side of mid-travel; if it is beyond that, where
-    /// it stands. 0: nothing but the ends of travel does.
+    /// Something hard stops the carriage at `place` from now on, on that side of mid-travel; if it is beyond that,
+    /// where it stands. 0: nothing but the ends of travel does.
     pub(crate) fn set_stop(&mut self, place: f64) {
         let Carriage { position, end, low, high, .. } = &mut self.carriage;
         if place > 0.0 {
