@@ -431,3 +431,164 @@ impl Wire {
         Driven { level: self.driven.level_at(at), next: next.unwrap_or(Instant::NEVER) }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use torno_protocol::clock::{Clock, Rate};
+    use torno_protocol::uart::{Character, Receiver, Transmitter};
+
+    use super::*;
+
+    const BAUD: Rate = Rate::hz(9600);
+    const FAULT: FaultId = FaultId(1);
+
+    fn us(us: u64) -> Instant {
+        Instant::START + Span::from_micros(us)
+    }
+
+    /// A wire with a sender that sends a byte every 2 ms, from 1 ms on, and what its receiver makes of it.
+    struct Bench {
+        wire: Wire,
+        sender: Transmitter,
+        receiver: Receiver,
+        next: Instant,
+    }
+
+    impl Bench {
+        fn new() -> Self {
+            let end = End { node: 0, port: 0 };
+            let sender = Transmitter::hardware(BAUD, Clock::TRUE);
+            let receiver = Receiver::hardware(BAUD, Clock::TRUE);
+            Self { wire: Wire::new(end, end), sender, receiver, next: us(1_000) }
+        }
+
+        fn disturb(&mut self, at: Instant, what: Disturbance) {
+            let told = self.wire.disturb(FAULT, at, &what);
+            self.tell(told);
+        }
+
+        fn tell(&mut self, passed: Option<Passed>) {
+            match passed {
+                Some(Passed::Edges(edges)) => self.receiver.hear(&edges),
+                Some(Passed::Cut(at)) => self.receiver.hear_cut(at),
+                None => {}
+            }
+        }
+
+        fn send(&mut self, bytes: &[u8]) {
+            for byte in bytes {
+                self.sender.push(*byte);
+                let loaded = self.sender.load(self.next).unwrap();
+                let told = self.wire.carry(self.next, loaded.edges, loaded.end).map(Passed::Edges);
+                self.tell(told);
+                self.next += Span::from_millis(2);
+            }
+        }
+
+        /// Sends, and gives what is received of it.
+        fn received(&mut self, bytes: &[u8]) -> Vec<Character> {
+            self.send(bytes);
+            let idle = |_: LineId, _: Instant| Driven { level: Level::High, next: Instant::NEVER };
+            let passed = self.wire.pass(self.next, idle).map(Passed::Edges);
+            self.tell(passed);
+            let next = |receiver: &mut Receiver| receiver.poll_timeout().and_then(|at| receiver.take(at));
+            core::iter::from_fn(|| next(&mut self.receiver)).collect()
+        }
+    }
+
+    fn good(bytes: &[u8]) -> Vec<Character> {
+        bytes.iter().map(|byte| Character::good(*byte)).collect()
+    }
+
+    fn tampered(nth: u64, what: Tampering, bytes: &[u8]) -> Vec<Character> {
+        let mut bench = Bench::new();
+        bench.disturb(us(0), Disturbance::Character { nth, what });
+        let received = bench.received(bytes);
+        assert_eq!(bench.wire.take_fired(), if nth as usize <= bytes.len() { vec![FAULT] } else { vec![] });
+        received
+    }
+
+    #[test]
+    fn a_sound_wire_hands_on_what_it_carries() {
+        let mut bench = Bench::new();
+        assert_eq!(bench.received(b"abc"), good(b"abc"));
+        assert!(!bench.wire.is_disturbed());
+    }
+
+    #[test]
+    fn one_character_can_be_damaged() {
+        assert_eq!(tampered(2, Tampering::Flip(1), b"abc"), good(b"acc"));
+        assert!(tampered(2, Tampering::Flip(9), b"abc")[1].framing_error);
+        assert_eq!(tampered(3, Tampering::Drop, b"abc"), good(b"ab"));
+        assert_eq!(tampered(1, Tampering::Double, b"a"), good(b"aa"));
+        let late = Tampering::Delay { edge: 0, by: Span::from_micros(30) };
+        assert_eq!(tampered(1, late, b"\x55"), good(b"\x55"), "three tenths of a bit late is early enough");
+        let very_late = Tampering::Delay { edge: 1, by: Span::from_micros(80) };
+        assert_eq!(tampered(1, very_late, b"\x55"), good(b"\x54"));
+        assert_eq!(tampered(4, Tampering::Drop, b"abc"), good(b"abc"));
+    }
+
+    #[test]
+    fn an_echo_follows_its_character_and_meets_what_comes_then() {
+        let mut bench = Bench::new();
+        bench.disturb(us(0), Disturbance::Character { nth: 1, what: Tampering::Double });
+        bench.send(b"a");
+        bench.next += Span::from_millis(8);
+        assert_eq!(bench.received(b"b"), good(b"aab"));
+    }
+
+    #[test]
+    fn a_cut_withdraws_what_the_receiver_was_told_and_a_healed_wire_is_sound() {
+        let mut bench = Bench::new();
+        bench.send(b"U");
+        // In mid-character.
+        bench.disturb(us(1_400), Disturbance::Cut);
+        assert_eq!(bench.received(b"abc").len(), 1, "the beginning of the first");
+        bench.wire.heal(FAULT, bench.next);
+        assert_eq!(bench.received(b"def"), good(b"def"));
+        assert!(!bench.wire.is_disturbed());
+        assert_eq!(bench.received(b"g"), good(b"g"));
+    }
+
+    #[test]
+    fn a_wire_stuck_low_is_one_break_and_one_stuck_high_is_silent() {
+        let mut bench = Bench::new();
+        bench.disturb(us(0), Disturbance::Stuck(Level::Low));
+        let received = bench.received(b"abc");
+        assert!(received.len() == 1 && received[0].framing_error && received[0].byte == 0, "{received:?}");
+        let mut bench = Bench::new();
+        bench.disturb(us(0), Disturbance::Stuck(Level::High));
+        assert_eq!(bench.received(b"abc"), []);
+    }
+
+    #[test]
+    fn a_short_pulls_the_wire_low_while_the_other_is_driven_low() {
+        let mut bench = Bench::new();
+        bench.disturb(us(0), Disturbance::Short(7));
+        bench.send(b"\xff");
+        // The other wire is low during the first four data bits.
+        let (from, to) = (us(1_104), us(1_520));
+        let other = |line: LineId, at: Instant| {
+            assert_eq!(line, 7);
+            let level = if at >= from && at < to { Level::Low } else { Level::High };
+            Driven { level, next: [from, to].into_iter().find(|edge| *edge >= at).unwrap_or(Instant::NEVER) }
+        };
+        let edges = bench.wire.pass(us(5_000), other).unwrap();
+        bench.receiver.hear(&edges);
+        let at = bench.receiver.poll_timeout().unwrap();
+        assert_eq!(bench.receiver.take(at), Some(Character::good(0xf0)));
+    }
+
+    #[test]
+    fn noise_is_the_seeds_and_no_other() {
+        let noisy = |seed| {
+            let mut bench = Bench::new();
+            let (period, width) = (Span::from_micros(300), Span::from_micros(100));
+            bench.disturb(us(0), Disturbance::Noise { period, width, seed });
+            bench.received(&[0x55; 50])
+        };
+        assert_eq!(noisy(1), noisy(1));
+        assert_ne!(noisy(1), noisy(2));
+        assert!(noisy(1) != good(&[0x55; 50]));
+    }
+}
