@@ -546,8 +546,8 @@ impl Engine {
             match output {
                 Output::Character { port, edges, end } => {
                     sent = true;
-                    self.nodes[id].line_busy_until[usize::from(port)] = end;
-                    if let Some(line) = self.nodes[id].sends_to[usize::from(port)]
+                    self.nodes[id].busy_until(port, end);
+                    if let Some(line) = self.nodes[id].line_of(port)
                         && let Some(edges) = self.lines[line].carry(at, edges, end)
                     {
                         self.tell(line, Passed::Edges(edges));
@@ -555,8 +555,8 @@ impl Engine {
                 }
                 Output::Cut { port } => {
                     sent = true;
-                    self.nodes[id].line_busy_until[usize::from(port)] = at;
-                    if let Some(line) = self.nodes[id].sends_to[usize::from(port)]
+                    self.nodes[id].busy_until(port, at);
+                    if let Some(line) = self.nodes[id].line_of(port)
                         && let Some(passed) = self.lines[line].withdraw(at)
                     {
                         self.tell(line, passed);

@@ -127,6 +127,18 @@ impl Node {
         })
     }
 
+    /// The line that a port sends on. What a board tells of ports that it has not got goes nowhere.
+    pub(super) fn line_of(&self, port: u8) -> Option<LineId> {
+        self.sends_to.get(usize::from(port)).copied().flatten()
+    }
+
+    /// A port's line carries a character up to `end`.
+    pub(super) fn busy_until(&mut self, port: u8, end: Instant) {
+        if let Some(busy_until) = self.line_busy_until.get_mut(usize::from(port)) {
+            *busy_until = end;
+        }
+    }
+
     /// Before this instant nothing that is on its lines can be cut short.
     pub(super) fn uncut_until(&self) -> Instant {
         self.resets.iter().min().copied().unwrap_or(Instant::NEVER)
