@@ -12,8 +12,11 @@ use crate::rig::file::RigFile;
 use crate::scenario::RawCondition;
 use crate::text::{Complaint, nearest};
 
-const LINE_KINDS: [&str; 9] = ["cut", "stuck-low", "stuck-high", "short", "noise", "flip", "delay", "drop", "double"];
-const BOARD_KINDS: [&str; 14] = [
+/// What can happen to a line.
+pub const LINE_KINDS: [&str; 9] =
+    ["cut", "stuck-low", "stuck-high", "short", "noise", "flip", "delay", "drop", "double"];
+/// What can happen to a board.
+pub const BOARD_KINDS: [&str; 14] = [
     "crash",
     "hang",
     "reset",

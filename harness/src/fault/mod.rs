@@ -6,7 +6,7 @@
 mod file;
 mod quantity;
 
-pub use file::{Names, RawFault};
+pub use file::{BOARD_KINDS, LINE_KINDS, Names, RawFault};
 pub use quantity::{Ratio, parse_ratio, parse_span};
 
 use torno_protocol::board::Stimulus;
@@ -20,8 +20,6 @@ use crate::rig::Rig;
 pub const BROWN_OUT: Span = Span::from_millis(20);
 /// The steps of a drifting oscillator.
 const DRIFT_STEP: Span = Span::from_millis(100);
-/// An oscillator that drifts does so for this long at the most.
-const DRIFT_MAX: Span = Span::from_secs(600);
 
 /// What breaks, and for how long.
 #[derive(Clone, Debug, PartialEq)]
@@ -82,6 +80,32 @@ pub struct Broken {
     /// The fault on the line, if it is one.
     pub line: Option<FaultId>,
     cure: Vec<(NodeId, Stimulus)>,
+    drift: Option<Drift>,
+}
+
+/// An oscillator on its way. A stimulus cannot be taken back, so each step is given when its time has come.
+#[derive(Clone, Debug)]
+struct Drift {
+    node: NodeId,
+    usual: Clock,
+    per_second: i32,
+    /// How many steps have been taken.
+    taken: i64,
+    next: Instant,
+    until: Instant,
+}
+
+impl Drift {
+    /// Takes the next step. Says whether there will be another one: no oscillator is off by more than a [`Clock`] can.
+    fn step(&mut self, rig: &mut Rig) -> bool {
+        self.taken += 1;
+        let drift = i64::from(self.per_second) * self.taken / 10;
+        let error = i32::try_from(i64::from(self.usual.error_ppb()) + drift).ok();
+        let Some(clock) = error.and_then(Clock::from_ppb) else { return false };
+        rig.stimulate(self.node, self.next, Stimulus::Clock(clock));
+        self.next += DRIFT_STEP;
+        self.next < self.until
+    }
 }
 
 impl Fault {
@@ -98,17 +122,21 @@ impl Fault {
                 if let Some(lasts) = self.lasts {
                     rig.heal(fault, since + lasts);
                 }
-                Broken { since, line: Some(fault), cure: Vec::new() }
+                Broken { since, line: Some(fault), cure: Vec::new(), drift: None }
             }
             What::Board(node, ailment) => {
                 let usual = rig.nodes()[*node].clock;
-                let (begin, cure) = ailment.stimuli(usual, self.lasts);
-                let mut since = at;
-                for (n, (after, stimulus)) in begin.into_iter().enumerate() {
-                    let done = rig.stimulate(*node, since + after, stimulus);
-                    since = if n == 0 { done } else { since };
-                }
-                let broken = Broken { since, line: None, cure: cure.into_iter().map(|cure| (*node, cure)).collect() };
+                let (begin, cure) = ailment.stimuli(usual);
+                let since = begin.map_or(at, |stimulus| rig.stimulate(*node, at, stimulus));
+                let until = self.lasts.map_or(Instant::NEVER, |lasts| since + lasts);
+                let drift = match ailment {
+                    Ailment::Drift(per_second) => {
+                        Some(Drift { node: *node, usual, per_second: *per_second, taken: 0, next: since, until })
+                    }
+                    _ => None,
+                };
+                let cure = cure.into_iter().map(|cure| (*node, cure)).collect();
+                let broken = Broken { since, line: None, cure, drift };
                 if let Some(lasts) = self.lasts {
                     broken.clone().heal(rig, since + lasts);
                     return Broken { cure: Vec::new(), ..broken };
@@ -120,6 +148,16 @@ impl Fault {
 }
 
 impl Broken {
+    /// When [`Broken::go_on`] is due, if the fault gets worse with time.
+    pub fn next(&self) -> Option<Instant> {
+        self.drift.as_ref().map(|drift| drift.next)
+    }
+
+    /// Gets worse, once everything before [`Broken::next`] has happened.
+    pub fn go_on(&mut self, rig: &mut Rig) {
+        self.drift = self.drift.take().and_then(|mut drift| drift.step(rig).then_some(drift));
+    }
+
     /// Ends at `at`, or as soon after it as nothing settled is touched. Says when.
     pub fn heal(self, rig: &mut Rig, at: Instant) -> Instant {
         let at = match self.line {
@@ -131,33 +169,23 @@ impl Broken {
 }
 
 impl Ailment {
-    /// What a board is told when it begins (so long after it), and when it is healed.
-    fn stimuli(self, usual: Clock, lasts: Option<Span>) -> (Vec<(Span, Stimulus)>, Vec<Stimulus>) {
-        let one = |stimulus| vec![(Span::ZERO, stimulus)];
-        match self {
-            Self::Crash => (one(Stimulus::Hang(true)), vec![Stimulus::Power(false), Stimulus::Power(true)]),
-            Self::Hang => (one(Stimulus::Hang(true)), vec![Stimulus::Hang(false)]),
-            Self::Reset => (one(Stimulus::Reset), vec![]),
-            Self::PowerOff => (one(Stimulus::Power(false)), vec![Stimulus::Power(true)]),
-            Self::Slow(by) => (one(Stimulus::Slow(by)), vec![Stimulus::Slow(Span::ZERO)]),
-            Self::Clock(clock) => (one(Stimulus::Clock(clock)), vec![Stimulus::Clock(usual)]),
-            Self::Drift(per_second) => {
-                let steps = 1..=(lasts.unwrap_or(DRIFT_MAX).as_nanos() / DRIFT_STEP.as_nanos());
-                let clock = |step: u64| {
-                    let drift = i64::from(per_second) * i64::try_from(step).unwrap_or(i64::MAX) / 10;
-                    let error = i32::try_from(i64::from(usual.error_ppb()) + drift).ok();
-                    error.and_then(Clock::from_ppb)
-                };
-                let stimuli = steps
-                    .map_while(|step| clock(step).map(|clock| (DRIFT_STEP.times(step - 1), Stimulus::Clock(clock))));
-                (stimuli.collect(), vec![Stimulus::Clock(usual)])
-            }
-            Self::Counts(counts) => (one(Stimulus::Counts(counts)), vec![]),
-            Self::Stall => (one(Stimulus::Stall(true)), vec![Stimulus::Stall(false)]),
-            Self::Load(load) => (one(Stimulus::Load(load)), vec![Stimulus::Load(0)]),
-            Self::Supply(supply) => (one(Stimulus::Supply(supply)), vec![Stimulus::Supply(1000)]),
-            Self::Backlash(counts) => (one(Stimulus::Backlash(counts)), vec![Stimulus::Backlash(0)]),
-            Self::EndStop(counts) => (one(Stimulus::EndStop(counts)), vec![Stimulus::EndStop(0)]),
-        }
+    /// What a board is told when it begins, and when it is healed.
+    fn stimuli(self, usual: Clock) -> (Option<Stimulus>, Vec<Stimulus>) {
+        let (begin, cure) = match self {
+            Self::Crash => (Stimulus::Hang(true), vec![Stimulus::Power(false), Stimulus::Power(true)]),
+            Self::Hang => (Stimulus::Hang(true), vec![Stimulus::Hang(false)]),
+            Self::Reset => (Stimulus::Reset, vec![]),
+            Self::PowerOff => (Stimulus::Power(false), vec![Stimulus::Power(true)]),
+            Self::Slow(by) => (Stimulus::Slow(by), vec![Stimulus::Slow(Span::ZERO)]),
+            Self::Clock(clock) => (Stimulus::Clock(clock), vec![Stimulus::Clock(usual)]),
+            Self::Drift(_) => return (None, vec![Stimulus::Clock(usual)]),
+            Self::Counts(counts) => (Stimulus::Counts(counts), vec![]),
+            Self::Stall => (Stimulus::Stall(true), vec![Stimulus::Stall(false)]),
+            Self::Load(load) => (Stimulus::Load(load), vec![Stimulus::Load(0)]),
+            Self::Supply(supply) => (Stimulus::Supply(supply), vec![Stimulus::Supply(1000)]),
+            Self::Backlash(counts) => (Stimulus::Backlash(counts), vec![Stimulus::Backlash(0)]),
+            Self::EndStop(counts) => (Stimulus::EndStop(counts), vec![Stimulus::EndStop(0)]),
+        };
+        (Some(begin), cure)
     }
 }

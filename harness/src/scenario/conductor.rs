@@ -215,11 +215,15 @@ impl<'a> Conductor<'a> {
     ) -> Result<Option<Instant>, RigError> {
         let mut count = awaited.map_or(0, |(_, condition)| occurrences(condition));
         loop {
-            let more = self.rig.step(Limit::until(until)).await?;
+            let worse = self.broken.values().filter_map(Broken::next).filter(|next| *next < until).min();
+            let more = self.rig.step(Limit::until(worse.unwrap_or(until))).await?;
             self.note_facts();
             let hits = self.rig.take_hits();
             if hits.is_empty() && !more {
-                return Ok(None);
+                let Some(worse) = worse else { return Ok(None) };
+                let due = self.broken.values_mut().filter(|broken| broken.next() == Some(worse));
+                due.for_each(|broken| broken.go_on(&mut self.rig));
+                continue;
             }
             let mut happened = None;
             for hit in hits {
