@@ -149,10 +149,12 @@ impl<'a> Conductor<'a> {
             Action::Wait(condition, within) => return self.wait(number, step, condition, *within).await,
             Action::Break(fault) => self.break_it(fault, self.now),
             Action::Heal(name) => {
-                if let Some(broken) = self.broken.remove(name) {
-                    broken.heal(&mut self.rig, self.now);
-                    self.note(self.now, &format!("fault '{name}' is healed"));
-                }
+                let Some(broken) = self.broken.remove(name) else {
+                    let came = "it has not begun, or is healed already".to_owned();
+                    return Ok(Err(self.failure(Some((number, step)), &format!("the fault '{name}'"), came, None)));
+                };
+                broken.heal(&mut self.rig, self.now);
+                self.note(self.now, &format!("fault '{name}' is healed"));
             }
             Action::Check(claim) => {
                 self.catch_up(self.now).await?;

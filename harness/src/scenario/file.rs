@@ -8,7 +8,7 @@ use torno_protocol::lathe::Program;
 use torno_protocol::time::{Instant, Span};
 
 use super::{Action, Claim, Condition, PATIENCE, Scenario, Step, Trigger};
-use crate::fault::{Names, RawFault, parse_span};
+use crate::fault::{Fault, Names, RawFault, parse_span};
 use crate::rig::file::{RigFile, RigFileError};
 use crate::text::{self, Complaint, Invalid, TextError, nearest};
 
@@ -143,7 +143,7 @@ impl Scenario {
     fn check(raw: RawScenario, file: RigFile, rig: String) -> Result<Self, Complaint> {
         let names = Names::of(&file);
         let seed = raw.seed;
-        let mut known: Vec<String> = Vec::new();
+        let mut known: Vec<Fault> = Vec::new();
         let mut faults = Vec::new();
         for (number, raw) in raw.fault.iter().enumerate() {
             let fault = raw.check(&names, number, seed)?;
@@ -153,7 +153,7 @@ impl Scenario {
                 (None, None) => Trigger::At(Instant::START),
                 (Some(at), Some(_)) => return Err((at.span(), "expected either at or when, not both".to_owned())),
             };
-            known.push(fault.name.clone());
+            known.push(fault.clone());
             faults.push((trigger, fault));
         }
         let mut steps = Vec::new();
@@ -162,7 +162,7 @@ impl Scenario {
             let step = step.into_inner();
             let action = step.check(&names, &known, number + faults.len(), seed, place)?;
             if let Action::Break(fault) = &action {
-                known.push(fault.name.clone());
+                known.push(fault.clone());
             }
             steps.push(Step { does: step.does, action });
         }
@@ -207,7 +207,7 @@ impl RawStep {
     fn check(
         &self,
         names: &Names,
-        known: &[String],
+        known: &[Fault],
         number: usize,
         seed: u64,
         place: std::ops::Range<usize>,
@@ -241,10 +241,14 @@ impl RawStep {
             actions.push(Action::Break(fault.check(names, number, seed)?));
         }
         if let Some(name) = &self.heal {
-            if !known.contains(name.get_ref()) {
-                let known: Vec<&str> = known.iter().map(String::as_str).collect();
+            let Some(fault) = known.iter().rfind(|fault| fault.name == *name.get_ref()) else {
+                let known: Vec<&str> = known.iter().map(|fault| fault.name.as_str()).collect();
                 let message =
                     format!("there is no fault '{}' by now{}", name.get_ref(), nearest(name.get_ref(), &known));
+                return Err((name.span(), message));
+            };
+            if let Some(lasts) = fault.lasts {
+                let message = format!("'{}' ends by itself, after {lasts}: expected a fault without for", fault.name);
                 return Err((name.span(), message));
             }
             actions.push(Action::Heal(name.get_ref().clone()));
