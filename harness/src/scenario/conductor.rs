@@ -359,7 +359,7 @@ impl<'a> Conductor<'a> {
     fn violated(&mut self, at: Instant, expected: &str, came: String, node: NodeId) {
         if self.failures.iter().all(|failure| failure.expected != expected) {
             let failure = self.failure(None, expected, came, Some(node));
-            self.failures.push(Failure { at, ..*failure });
+            self.failures.push(Failure { at, context: self.context(at).collect(), ..*failure });
         }
     }
 
@@ -376,7 +376,7 @@ impl<'a> Conductor<'a> {
             came,
             at: self.now,
             board: node.map(|node| self.rig.nodes()[node].name.clone()),
-            context: self.context().collect(),
+            context: self.context(self.now).collect(),
         })
     }
 
@@ -387,9 +387,9 @@ impl<'a> Conductor<'a> {
         self.context.push_back((at, line.to_owned()));
     }
 
-    /// What has happened by now, in order: faults are noted ahead of their time.
-    fn context(&self) -> impl Iterator<Item = String> {
-        let mut lines: Vec<_> = self.context.iter().filter(|(at, _)| *at <= self.now).collect();
+    /// What has happened by `until`, in order: faults are noted ahead of their time.
+    fn context(&self, until: Instant) -> impl Iterator<Item = String> {
+        let mut lines: Vec<_> = self.context.iter().filter(|(at, _)| *at <= until).collect();
         lines.sort_by_key(|(at, _)| *at);
         lines.into_iter().map(|(at, line)| format!("{at}  {line}"))
     }
