@@ -1,0 +1,340 @@
+//! The scenarios in the folder beside this file: all hold, the same with processes and without, and what is wrong with
+//! one is told.
+
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
+
+mod common;
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+use common::{folder, output};
+use torno::fault::{BOARD_KINDS, LINE_KINDS};
+use torno::observe::Sum;
+use torno::rig::Driver;
+use torno::scenario::{self, Outcome, Scenario};
+
+const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/scenarios");
+
+/// In these, what happens depends on the seed.
+const NOISY: [&str; 4] = ["noise-in-frames", "noise-in-answers", "noise-on-an-idle-line", "noise-on-all-slaves"];
+const SEEDS: u64 = 50;
+
+fn paths() -> Vec<PathBuf> {
+    let mut paths: Vec<PathBuf> = fs::read_dir(FOLDER).unwrap().map(|entry| entry.unwrap().path()).collect();
+    paths.retain(|path| path.extension().is_some_and(|extension| extension == "toml"));
+    paths.sort();
+    paths
+}
+
+fn load(path: &Path, seed: Option<u64>) -> Scenario {
+    Scenario::load(path, seed).unwrap_or_else(|error| panic!("{error}"))
+}
+
+fn named(name: &str, seed: Option<u64>) -> Scenario {
+    load(&Path::new(FOLDER).join(format!("{name}.toml")), seed)
+}
+
+fn processes() -> Driver {
+    Driver::Processes { exe: env!("CARGO_BIN_EXE_torno").into() }
+}
+
+fn run(scenario: &Scenario, driver: &Driver) -> Outcome {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(scenario::run(scenario, driver)).unwrap()
+}
+
+/// Does so many things, two at once.
+fn for_all(count: usize, act: impl Fn(usize) + Sync) {
+    let next = AtomicUsize::new(0);
+    std::thread::scope(|scope| {
+        for _ in 0..2 {
+            scope.spawn(|| {
+                while let Some(n) = Some(next.fetch_add(1, Ordering::Relaxed)).filter(|n| *n < count) {
+                    act(n);
+                }
+            });
+        }
+    });
+}
+
+/// Every `kind` anywhere in a file.
+fn kinds(value: &toml::Value, found: &mut BTreeSet<String>) {
+    match value {
+        toml::Value::Table(table) => {
+            found.extend(table.get("kind").and_then(toml::Value::as_str).map(str::to_owned));
+            table.values().for_each(|value| kinds(value, found));
+        }
+        toml::Value::Array(values) => values.iter().for_each(|value| kinds(value, found)),
+        _ => {}
+    }
+}
+
+#[test]
+fn every_scenario_holds_and_twice_it_is_the_same() {
+    let paths = paths();
+    assert!(paths.len() >= 34, "only {}", paths.len());
+    for_all(paths.len(), |n| {
+        let scenario = load(&paths[n], None);
+        let [once, twice] = [(); 2].map(|()| run(&scenario, &Driver::InProcess));
+        let failures: Vec<String> = once.failures.iter().map(ToString::to_string).collect();
+        assert!(failures.is_empty(), "{}\n{}", paths[n].display(), failures.join("\n"));
+        assert_eq!((once.digest, once.end), (twice.digest, twice.end), "{}", paths[n].display());
+    });
+}
+
+#[test]
+fn every_kind_of_fault_befalls_some_scenario() {
+    let mut found = BTreeSet::new();
+    for path in paths() {
+        kinds(&toml::from_str(&fs::read_to_string(path).unwrap()).unwrap(), &mut found);
+    }
+    let known: BTreeSet<String> = LINE_KINDS.iter().chain(&BOARD_KINDS).map(|kind| (*kind).to_owned()).collect();
+    assert_eq!(found, known);
+}
+
+#[test]
+fn names_are_unique_and_every_scenario_prescribes_something() {
+    let mut names = BTreeSet::new();
+    for path in paths() {
+        let scenario = load(&path, None);
+        assert!(names.insert(scenario.name.clone()), "two are called '{}'", scenario.name);
+        assert!(scenario.replies.is_some() || !scenario.finally.is_empty(), "{}", path.display());
+    }
+}
+
+#[test]
+fn with_processes_it_is_the_same() {
+    let sample = [
+        "healthy-turn",
+        "hold-the-pc-through-a-program",
+        "overrun-the-master",
+        "any-bytes-then-a-frame",
+        "crashed-slave",
+        "hung-slave",
+        "powered-off-slave",
+        "brown-out-slave",
+        "slow-slave",
+        "drift",
+        "short",
+        "double",
+        "broken-at-the-tenth-character",
+        "stalled-motor",
+    ];
+    for_all(sample.len(), |n| {
+        let scenario = named(sample[n], None);
+        let [inside, outside] = [Driver::InProcess, processes()].map(|driver| run(&scenario, &driver));
+        assert_eq!((inside.digest, inside.end), (outside.digest, outside.end), "{}", sample[n]);
+        assert_eq!(inside.replies, outside.replies, "{}", sample[n]);
+        assert!(outside.failures.is_empty(), "{}: {:?}", sample[n], outside.failures);
+    });
+}
+
+/// Whether a scenario holds with other seeds is not asked; what happens must be the same.
+fn digests_of(name: &str, seeds: u64) -> BTreeSet<String> {
+    let digests = std::sync::Mutex::new(BTreeSet::new());
+    for_all(seeds as usize, |seed| {
+        let scenario = named(name, Some(seed as u64));
+        let [inside, outside] = [Driver::InProcess, processes()].map(|driver| run(&scenario, &driver));
+        assert_eq!(inside.digest, outside.digest, "{name}, seed {seed}");
+        assert_eq!(inside.failures, outside.failures, "{name}, seed {seed}");
+        digests.lock().unwrap().insert(text(inside.digest));
+    });
+    digests.into_inner().unwrap()
+}
+
+fn text(digest: Sum) -> String {
+    digest.to_string()
+}
+
+#[test]
+fn a_seed_is_a_run_with_processes_and_without() {
+    for name in NOISY {
+        let digests = digests_of(name, SEEDS);
+        assert!(digests.len() > 1, "{name}: the same with every seed");
+    }
+}
+
+#[test]
+fn a_busy_host_changes_nothing() {
+    let stop = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        for _ in 0..4 {
+            scope.spawn(|| {
+                while !stop.load(Ordering::Relaxed) {
+                    core::hint::spin_loop();
+                }
+            });
+        }
+        let busy = std::panic::catch_unwind(|| NOISY.map(|name| digests_of(name, 3)));
+        stop.store(true, Ordering::Relaxed);
+        let idle = NOISY.map(|name| digests_of(name, 3));
+        assert_eq!(busy.unwrap(), idle);
+    });
+}
+
+/// Writes a scenario, and tests it through the binary: the exit code, standard output, standard error, the path.
+fn test(text: &str) -> (Option<i32>, String, String, String) {
+    let folder = folder();
+    let path = folder.path().join("a.toml");
+    fs::write(&path, text).unwrap();
+    let path = path.to_str().unwrap().to_owned();
+    let output = output(&["test", &path]);
+    let [out, err] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
+    (output.status.code(), out, err, path)
+}
+
+const TURN: &str = r#"name = "a turn"
+
+[[step]]
+does = "the carriage goes out"
+send = ["00 64 03 84 00 00 00 00"]
+
+[[step]]
+does = "it is done"
+wait = { reply = "XON", within = "500 ms" }
+
+[expect]
+replies = "ACK XON"
+"#;
+
+#[test]
+fn a_wrong_expectation_is_explained() {
+    let (code, out, _, path) = test(TURN);
+    assert_eq!(code, Some(1), "{out}");
+    // All but the wall time, which differs.
+    let lines: Vec<&str> = out.lines().skip(1).collect();
+    assert!(out.starts_with("FAILED  a turn "), "{out}");
+    let expected = [
+        "  step 2    it is done",
+        "  expected  the reply XON within 500 ms",
+        "  came      ACK",
+        "  at        0.510000s",
+        "  before    0.017291s  pc sends 00 64 03 84 00 00 00 00 (a frame)",
+        "            0.022472s  master: frame 1 distributed",
+        "            0.023470s  pc hears ACK",
+        "            0.030000s  spindle: done",
+        "            0.060000s  depth: done",
+        &format!("  again     torno test '{path}' --seed 0"),
+        "1 failed, 0 passed",
+    ];
+    assert_eq!(lines, expected, "{out}");
+}
+
+#[test]
+fn every_kind_of_expectation_can_fail() {
+    let patient = TURN.replace("500 ms", "5 s");
+    assert_eq!(test(&patient).0, Some(0));
+    let claim = "\nboard = \"transverse\"\nquantity = \"position_counts\"\n";
+    for (more, expected, came) in [
+        ("[[expect.never]]\nreply = \"ACK\"\n".to_owned(), "never the reply ACK", "it happened"),
+        ("[[expect.never]]\nboard = \"depth\"\nevent = \"done\"\n".to_owned(), "never the event 'done'", "it happened"),
+        (
+            format!("[[expect.finally]]{claim}equals = 7\n"),
+            "finally transverse.position_counts = 7",
+            "transverse.position_counts = 900",
+        ),
+        (
+            format!("[[expect.always]]{claim}at_most = 899\n"),
+            "always transverse.position_counts ≤ 899",
+            "transverse.position_counts = 902",
+        ),
+        (
+            "[[fault]]\nname = \"far\"\nline = \"pc_to_master\"\nkind = \"drop\"\nnth = 9\n".to_owned(),
+            "the fault 'far'",
+            "it never fired",
+        ),
+    ] {
+        let (code, out, ..) = test(&format!("{patient}{more}"));
+        assert_eq!(code, Some(1), "{out}");
+        assert!(out.contains(&format!("  expected  {expected}\n  came      {came}\n")), "{out}");
+    }
+    let (_, out, ..) = test(&format!("{patient}[[expect.always]]{claim}at_most = 899\n"));
+    assert!(out.contains("\n            0.060000s  depth: done\n  again"), "what happened before it is told: {out}");
+    let replies = patient.replace("\"ACK XON\"", "\"ACK XOFF\"");
+    let (code, out, ..) = test(&replies);
+    assert_eq!(code, Some(1));
+    assert!(out.contains("  expected  the replies ACK XOFF\n  came      ACK XON\n"), "{out}");
+}
+
+#[test]
+fn a_fault_that_has_not_begun_cannot_be_healed() {
+    let heal = "[[step]]\ndoes = \"too early\"\nheal = \"late\"\n";
+    let fault = "[[fault]]\nname = \"late\"\nboard = \"depth\"\nkind = \"stall\"\nwhen = { reply = \"XON\" }\n";
+    let (code, out, ..) = test(&format!("name = \"early\"\n{heal}{fault}"));
+    assert_eq!(code, Some(1), "{out}");
+    assert!(out.contains("  step 1    too early\n  expected  the fault 'late'\n  came      it has not begun"), "{out}");
+}
+
+#[test]
+fn what_is_wrong_with_a_file_is_told() {
+    let step = |action: &str| format!("name = \"n\"\n[[step]]\ndoes = \"d\"\n{action}\n");
+    let fault = |fields: &str| format!("name = \"n\"\n[[fault]]\n{fields}\n");
+    let claim = |fields: &str| format!("name = \"n\"\n[[expect.finally]]\n{fields}\n");
+    for (text, place, message) in [
+        (fault("line = \"pc_to_mastr\"\nkind = \"cut\""), "3:8", "no line 'pc_to_mastr': did you mean 'pc_to_master'?"),
+        (fault("board = \"dept\"\nkind = \"crash\""), "3:9", "there is no board 'dept': did you mean 'depth'?"),
+        (
+            claim("board = \"depth\"\nquantity = \"position_count\"\nequals = 0"),
+            "4:12",
+            "there is no quantity of 'depth' 'position_count': did you mean 'position_counts'?",
+        ),
+        (
+            step("wait = { board = \"depth\", event = \"dune\" }"),
+            "4:35",
+            "'depth' has no event 'dune': did you mean 'done'?",
+        ),
+        (step("wait = { reply = \"XOF\" }"), "4:18", "there is no reply 'XOF': did you mean 'XOFF'?"),
+        (
+            fault("line = \"pc_to_master\"\nkind = \"cutt\""),
+            "4:8",
+            "there is no fault 'cutt' of a line: did you mean 'cut'?",
+        ),
+        (
+            fault("board = \"depth\"\nkind = \"power-of\""),
+            "4:8",
+            "there is no fault 'power-of' of a board: did you mean 'power-off'?",
+        ),
+        (fault("board = \"depth\"\nkind = \"cut\""), "4:8", "there is no fault 'cut' of a board"),
+        (fault("board = \"depth\"\nkind = \"crash\"\nfro = \"1 s\""), "5:1", "unknown field `fro`"),
+        (step("wiat = \"1 s\""), "4:1", "unknown field `wiat`"),
+        (step("wait = { reply = \"XON\", within = \"5 m\" }"), "4:34", "'5 m': expected a time, such as"),
+        (step("run = \"3 %\""), "4:7", "'3 %': expected a time, such as"),
+        (
+            fault("board = \"depth\"\nkind = \"clock\"\nvalue = \"3 ms\""),
+            "5:9",
+            "expected a ratio, such as \"3 %\" or \"-500 ppm\"",
+        ),
+        (fault("board = \"depth\"\nkind = \"clock\"\nvalue = \"30 %\""), "5:9", "-20 % to 20 %"),
+        (fault("board = \"depth\"\nkind = \"counts\"\nvalue = \"3 %\""), "5:9", "expected so many counts"),
+        (claim("board = \"depth\"\nquantity = \"drive\"\nat_least = \"3 ms\""), "5:12", "expected i64"),
+        (
+            claim("board = \"depth\"\nquantity = \"drive\"\nat_least = 3\nat_most = 2"),
+            "4:12",
+            "at_least is above at_most",
+        ),
+        (step("run = \"1 s\"\nbytes = \"00\""), "2:1", "expected one of send, bytes, run, wait, break, heal, check"),
+        (step(""), "2:1", "in this step, found 0"),
+        (step("send = [\"00 01\"]"), "4:9", "expected 8 bytes, found 2"),
+        (step("bytes = \"0x1\""), "4:9", "expected bytes of two hex digits"),
+        (step("heal = \"quarz\""), "4:8", "there is no fault 'quarz' by now"),
+        (
+            step("heal = \"quarz\"\n[[fault]]\nname = \"quartz\"\nboard = \"depth\"\nkind = \"crash\""),
+            "4:8",
+            "did you mean 'quartz'?",
+        ),
+        (
+            step("heal = \"x\"\n[[fault]]\nname = \"x\"\nboard = \"depth\"\nkind = \"hang\"\nfor = \"1 s\""),
+            "4:8",
+            "'x' ends by itself, after 1 s",
+        ),
+    ] {
+        let (code, out, err, path) = test(&text);
+        assert_eq!((code, out.as_str()), (Some(2), ""), "{text}\n{err}");
+        assert!(err.contains(&format!("{path}:{place}: ")), "expected {place}\n{text}\n{err}");
+        assert!(err.contains(message), "expected {message}\n{text}\n{err}");
+    }
+    assert_eq!(test("name = \"n\"\nrig = \"mill\"\n").0, Some(2));
+}
