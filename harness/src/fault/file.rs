@@ -1,5 +1,7 @@
 //! Faults as files say them: a table with the place, the kind, and what the kind needs.
 
+use std::ops::Range;
+
 use serde::Deserialize;
 use toml::{Spanned, Value};
 use torno_protocol::clock::Clock;
@@ -32,6 +34,19 @@ pub const BOARD_KINDS: [&str; 14] = [
     "backlash",
     "end-stop",
 ];
+
+/// The fields that a kind of fault has, beyond those that all have.
+fn fields_of(kind: &str) -> &'static [&'static str] {
+    match kind {
+        "short" => &["with"],
+        "noise" => &["period", "width"],
+        "flip" => &["nth", "value"],
+        "delay" => &["nth", "edge", "value"],
+        "drop" | "double" => &["nth"],
+        "slow" | "clock" | "drift" | "counts" | "load" | "supply" | "backlash" | "end-stop" => &["value"],
+        _ => &[],
+    }
+}
 
 /// The names that a rig gives to its parts.
 #[derive(Clone, Debug)]
@@ -131,6 +146,13 @@ impl RawFault {
     /// Where, what was expected, what was found.
     pub fn check(&self, names: &Names, number: usize, seed: u64) -> Result<Fault, Complaint> {
         let kind = self.kind.get_ref().as_str();
+        let known = LINE_KINDS.contains(&kind) || BOARD_KINDS.contains(&kind);
+        if let Some((field, place)) = self.fields().find(|(field, _)| known && !fields_of(kind).contains(field)) {
+            return Err((place, format!("'{kind}' has no {field}")));
+        }
+        if let Some(nth) = self.nth.as_ref().filter(|nth| *nth.get_ref() == 0) {
+            return Err((nth.span(), "nth counts from 1".to_owned()));
+        }
         let what = match (&self.line, &self.board) {
             (Some(line), None) => {
                 What::Line(names.line(line)?, self.disturbance(names, seed ^ ((number as u64 + 1) << 32))?)
@@ -144,6 +166,19 @@ impl RawFault {
             self.line.as_ref().or(self.board.as_ref()).map(|place| place.get_ref().as_str()).unwrap_or_default();
         let name = self.name.as_ref().map_or_else(|| format!("{place} {kind}"), |name| name.get_ref().clone());
         Ok(Fault { name, what, lasts })
+    }
+
+    /// What it says beyond its place, its kind and its time, and where.
+    fn fields(&self) -> impl Iterator<Item = (&'static str, Range<usize>)> {
+        let fields = [
+            ("value", self.value.as_ref().map(Spanned::span)),
+            ("with", self.with.as_ref().map(Spanned::span)),
+            ("nth", self.nth.as_ref().map(Spanned::span)),
+            ("edge", self.edge.as_ref().map(Spanned::span)),
+            ("period", self.period.as_ref().map(Spanned::span)),
+            ("width", self.width.as_ref().map(Spanned::span)),
+        ];
+        fields.into_iter().filter_map(|(field, place)| Some((field, place?)))
     }
 
     fn disturbance(&self, names: &Names, seed: u64) -> Result<Disturbance, Complaint> {

@@ -269,6 +269,9 @@ impl RawStep {
 
 impl RawCondition {
     fn check(&self, names: &Names) -> Result<Condition, Complaint> {
+        if let Some(nth) = self.character.as_ref().filter(|nth| self.line.is_none() || *nth.get_ref() == 0) {
+            return Err((nth.span(), "character: expected which one of a line, from 1".to_owned()));
+        }
         match self {
             Self { reply: Some(reply), line: None, board: None, .. } => {
                 let text = words(reply.get_ref()).join(" ");
@@ -283,7 +286,7 @@ impl RawCondition {
             Self { line: Some(line), reply: None, board: None, .. } => {
                 let (node, port) = names.senders[names.line(line)?];
                 let nth = self.character.as_ref().map_or(1, |nth| *nth.get_ref());
-                Ok(Condition::Character { node, port, nth: nth.max(1), line: line.get_ref().clone() })
+                Ok(Condition::Character { node, port, nth, line: line.get_ref().clone() })
             }
             Self { board: Some(board), event: Some(event), quantity: None, .. } => {
                 let node = names.board(board)?;
