@@ -21,6 +21,8 @@ pub(crate) struct Supervision {
     state: State,
     /// `CAN` has come; the letter that follows says why.
     cancelling: bool,
+    /// How it failed at what it was told last.
+    failed: Option<Fault>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -61,7 +63,7 @@ pub(crate) enum Due {
 
 impl Supervision {
     pub(crate) const fn new(patience: Patience) -> Self {
-        Self { patience, state: State::Idle, cancelling: false }
+        Self { patience, state: State::Idle, cancelling: false, failed: None }
     }
 
     /// Watches like this from the next deadline on.
@@ -72,6 +74,7 @@ impl Supervision {
     /// The slave is being given its part of a frame. One that does not answer gets it too, but is not waited for.
     pub(crate) fn start(&mut self, now: Instant) {
         self.cancelling = false;
+        self.failed = None;
         if self.state != State::Lost {
             self.watch(now);
         }
@@ -151,7 +154,12 @@ impl Supervision {
             (State::Lost, _) => Report::Back,
             // The answer to an enquiry that is over: it has been given nothing to miss.
             (State::Idle, Fault::Garbled | Fault::Restarted) => Report::Nothing,
-            _ => Report::Failed(fault),
+            // The answer to an enquiry that crossed the report.
+            (State::Idle, _) if self.failed == Some(fault) => Report::Nothing,
+            _ => {
+                self.failed = Some(fault);
+                Report::Failed(fault)
+            }
         }
     }
 }
@@ -227,6 +235,20 @@ mod tests {
         assert_eq!(slave.byte(ms(0), CAN), Report::Nothing);
         assert_eq!(slave.byte(ms(0), b'e'), Report::Failed(Fault::EndOfTravel));
         assert!(!slave.is_busy() && !slave.is_lost());
+    }
+
+    #[test]
+    fn a_failure_is_told_once_for_each_instruction() {
+        let mut slave = busy();
+        let mut stalled = |start| {
+            if start {
+                slave.start(ms(5_000));
+            }
+            [CAN, b's'].map(|byte| slave.byte(ms(0), byte))[1]
+        };
+        assert_eq!(stalled(false), Report::Failed(Fault::Stalled));
+        assert_eq!(stalled(false), Report::Nothing, "an enquiry has crossed the report");
+        assert_eq!(stalled(true), Report::Failed(Fault::Stalled));
     }
 
     #[test]
