@@ -41,10 +41,16 @@ impl Waveform {
         Self { before: Level::High, edges: Vec::new() }
     }
 
-    /// Adds an edge. One that lies before the last known edge, or does not change the level, is left out.
+    /// Adds an edge. One that lies before the last known edge, or does not change the level, is left out. Two at one
+    /// instant are none.
     pub fn push(&mut self, edge: Edge) {
-        if self.edges.last().is_none_or(|last| last.at <= edge.at) && self.last_level() != edge.level {
-            self.edges.push(edge);
+        if self.last_level() == edge.level {
+            return;
+        }
+        match self.edges.last() {
+            Some(last) if last.at > edge.at => {}
+            Some(last) if last.at == edge.at => drop(self.edges.pop()),
+            _ => self.edges.push(edge),
         }
     }
 
@@ -141,6 +147,15 @@ mod tests {
         line.cut(at(15));
         assert_eq!(line.level_at(at(14)), Level::Low);
         assert_eq!(line.rising_from(at(0)), Some(at(15)));
+    }
+
+    #[test]
+    fn a_cut_that_is_taken_back_leaves_nothing_behind() {
+        let mut line = pulse();
+        line.cut(at(15));
+        line.push(Edge { at: at(15), level: Level::Low });
+        line.push(Edge { at: at(20), level: Level::High });
+        assert_eq!(line, pulse());
     }
 
     #[test]

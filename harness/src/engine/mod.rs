@@ -52,6 +52,13 @@ pub struct End {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct FaultId(u32);
 
+impl FaultId {
+    /// Its number: no other fault of this engine has it.
+    pub const fn number(self) -> u32 {
+        self.0
+    }
+}
+
 /// A watch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct WatchId(u32);
@@ -213,17 +220,18 @@ impl Engine {
     /// Begins a fault on a line, at `at` or the [frontier](Self::frontier), whichever is later. It lasts until it is
     /// [healed](Self::heal). Says when it begins.
     pub fn disturb(&mut self, line: LineId, at: Instant, what: &Disturbance) -> (FaultId, Instant) {
-        let at = at.max(self.frontier());
+        let now = self.frontier();
+        let at = at.max(now);
         let fault = FaultId(self.issue());
-        self.disturb_one(line, fault, at, what);
+        self.disturb_one(line, fault, now, at, what);
         if let Disturbance::Short(other) = *what {
-            self.disturb_one(other, fault, at, &Disturbance::Short(line));
+            self.disturb_one(other, fault, now, at, &Disturbance::Short(line));
         }
         (fault, at)
     }
 
-    fn disturb_one(&mut self, line: LineId, fault: FaultId, at: Instant, what: &Disturbance) {
-        if let Some(passed) = self.lines[line].disturb(fault, at, what) {
+    fn disturb_one(&mut self, line: LineId, fault: FaultId, now: Instant, at: Instant, what: &Disturbance) {
+        if let Some(passed) = self.lines[line].disturb(fault, now, at, what) {
             self.tell(line, passed);
         }
     }
@@ -284,7 +292,7 @@ impl Engine {
     /// The least instant that nothing settled depends on: what comes from outside can be dated from here on.
     pub fn frontier(&self) -> Instant {
         let commits = self.nodes.iter().map(|node| node.commit);
-        commits.chain(self.lines.iter().map(Wire::told_at)).max().unwrap_or_default()
+        commits.chain(self.lines.iter().map(Wire::settled)).max().unwrap_or_default()
     }
 
     /// What has been settled since the last call, each line's and each board's facts in order.
@@ -421,6 +429,11 @@ impl Engine {
             self.hear(node, Heard::Stimulus { at, stimulus: Stimulus::Hang(false) });
         }
         at
+    }
+
+    /// The end of what a board has told. Of one that is mute, stopped or gone this can lie before what is settled.
+    pub fn told(&self, node: NodeId) -> Instant {
+        self.nodes[node].horizon
     }
 
     /// The board is gone; nothing comes from it any more. Says from when.

@@ -5,6 +5,7 @@
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
+use serde::{Deserialize, Serialize};
 use torno_protocol::line::{Edge, Level, Waveform};
 use torno_protocol::time::{Instant, Span};
 
@@ -13,8 +14,8 @@ use super::{End, FaultId, LineId};
 /// Noise is made this far ahead at the most.
 const NOISE_AHEAD: Span = Span::from_millis(10);
 
-/// What can be done to a wire.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// What can be done to a wire. In traces these are numbered in this order: new ones go to the end.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Disturbance {
     /// It is cut: the receiver's pull-up keeps its end idle.
     Cut,
@@ -40,8 +41,8 @@ pub enum Disturbance {
     },
 }
 
-/// What can happen to one character on its way.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// What can happen to one character on its way. Numbered as the disturbances are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Tampering {
     /// A bit is inverted: 0 is the start bit, 1 to 8 the data bits, least significant first, 9 the stop bit.
     Flip(u8),
@@ -139,6 +140,8 @@ pub(super) struct Wire {
     unsure: Vec<Edge>,
     /// The level before that.
     sure: Level,
+    /// What can no longer be withdrawn lies before this instant.
+    taken: Instant,
     /// Faults that have met their character, since they were asked for.
     fired: Vec<FaultId>,
 }
@@ -165,6 +168,7 @@ impl Wire {
             told: Edge { at: Instant::START, level: Level::High },
             unsure: Vec::new(),
             sure: Level::High,
+            taken: Instant::START,
             fired: Vec::new(),
         }
     }
@@ -214,24 +218,22 @@ impl Wire {
         })
     }
 
-    /// Takes what can no longer be withdrawn: everything before `sure`.
+    /// Takes what can no longer be withdrawn: everything before `sure`, as far as it has been handed on.
     pub(super) fn take_sure(&mut self, sure: Instant) -> Vec<Edge> {
+        let sure = self.passed.map_or(sure, |passed| passed.min(sure));
         let n = self.unsure.partition_point(|edge| edge.at < sure);
         let taken: Vec<Edge> = self.unsure.drain(..n).collect();
-        self.sure = taken.last().map_or(self.sure, |edge| edge.level);
+        if let Some(last) = taken.last() {
+            self.sure = last.level;
+            self.taken = last.at.next();
+        }
         taken
     }
 
-    /// Begins a fault that lasts from `at` until it is healed. Gives what its receiver must be told at once.
-    pub(super) fn disturb(&mut self, fault: FaultId, at: Instant, what: &Disturbance) -> Option<Passed> {
-        let passed = match what {
-            // It acts on what is committed from then on.
-            Disturbance::Character { .. } => {
-                self.passed.get_or_insert(self.told.at);
-                None
-            }
-            _ => self.begin(at),
-        };
+    /// Begins a fault that lasts from `at` until it is healed; nothing settled lies at or after `now`. Gives what its
+    /// receiver must be told at once.
+    pub(super) fn disturb(&mut self, fault: FaultId, now: Instant, at: Instant, what: &Disturbance) -> Option<Passed> {
+        let passed = self.begin(now);
         let until = Instant::NEVER;
         let force = |how| Force { fault, from: at, until, how };
         match *what {
@@ -252,13 +254,13 @@ impl Wire {
         passed
     }
 
-    /// From now on only what is sure is handed on, and what was told of the time from `at` on is taken back.
-    fn begin(&mut self, at: Instant) -> Option<Passed> {
+    /// From now on only what is sure is handed on, and what was told of the time from `now` on is taken back.
+    fn begin(&mut self, now: Instant) -> Option<Passed> {
         match self.passed {
             Some(_) => None,
             None => {
-                self.passed = Some(self.told.at.min(at));
-                self.untell(at)
+                self.passed = Some(self.told.at.min(now));
+                self.untell(now)
             }
         }
     }
@@ -348,11 +350,14 @@ impl Wire {
         let (mut at, mut reached) = (passed, passed);
         while at < sure {
             let level = self.level(at, &driven);
-            if level != self.told.level {
+            let level_changes = level != self.told.level;
+            if level_changes {
                 self.told = Edge { at, level };
                 edges.push(self.told);
             }
-            reached = at;
+            if level_changes || self.next_from(at, &driven) == at {
+                reached = at.next();
+            }
             at = self.next_from(at.next(), &driven);
         }
         // If nothing more is known to come, something may still come from outside the rig.
@@ -360,7 +365,9 @@ impl Wire {
         if self.contacts.is_empty() {
             self.driven.forget_before(passed);
         }
-        self.unsure.extend_from_slice(&edges);
+        // What was taken back at an instant, and comes again at once, has not changed.
+        let same = self.unsure.pop_if(|last| edges.first().is_some_and(|first| first.at == last.at)).is_some();
+        self.unsure.extend_from_slice(&edges[usize::from(same)..]);
         self.passed = Some(reached);
         self.forget(reached);
         (reached > passed || !self.is_disturbed()).then_some(edges)
@@ -406,10 +413,11 @@ impl Wire {
 
     /// Forgets what lies before `passed`; a wire that is sound again hands characters on as they come.
     fn forget(&mut self, passed: Instant) {
-        self.forces.retain(|force| force.until > passed);
-        self.noises.retain(|noise| noise.until > passed);
+        // What ends at `passed` has not ended for the receiver yet.
+        self.forces.retain(|force| force.until >= passed);
+        self.noises.retain(|noise| noise.until >= passed);
         self.traps.retain(|trap| trap.left > 0 && trap.until > passed);
-        self.contacts.retain(|contact| contact.until > passed);
+        self.contacts.retain(|contact| contact.until >= passed);
         let sound = self.forces.is_empty()
             && self.noises.is_empty()
             && self.traps.is_empty()
@@ -420,9 +428,9 @@ impl Wire {
         }
     }
 
-    /// The instant of what the receiver has been told last, if that is more than its sender has been settled for.
-    pub(super) fn told_at(&self) -> Instant {
-        if self.is_disturbed() { self.told.at } else { Instant::START }
+    /// Before this instant nothing of it changes any more, however far its sender is settled.
+    pub(super) fn settled(&self) -> Instant {
+        self.passed.unwrap_or_default().max(self.taken)
     }
 
     /// What the sender drives at `at`, and its first change from then on.
@@ -463,7 +471,7 @@ mod tests {
         }
 
         fn disturb(&mut self, at: Instant, what: Disturbance) {
-            let told = self.wire.disturb(FAULT, at, &what);
+            let told = self.wire.disturb(FAULT, at, at, &what);
             self.tell(told);
         }
 
@@ -548,6 +556,42 @@ mod tests {
         assert_eq!(bench.received(b"def"), good(b"def"));
         assert!(!bench.wire.is_disturbed());
         assert_eq!(bench.received(b"g"), good(b"g"));
+    }
+
+    #[test]
+    fn a_fault_that_changes_nothing_leaves_nothing_behind() {
+        let edges = |disturb: bool| {
+            let mut bench = Bench::new();
+            bench.send(b"a");
+            if disturb {
+                // While the wire is low.
+                bench.disturb(us(1_300), Disturbance::Character { nth: 9, what: Tampering::Drop });
+            }
+            assert_eq!(bench.received(b"b"), good(b"ab"));
+            bench.wire.take_sure(bench.next)
+        };
+        assert_eq!(edges(true), edges(false));
+    }
+
+    #[test]
+    fn a_fault_that_ends_where_the_wire_has_been_handed_on_to_still_ends() {
+        let mut bench = Bench::new();
+        bench.disturb(us(0), Disturbance::Character { nth: 1, what: Tampering::Flip(9) });
+        bench.sender.push(b'a');
+        let loaded = bench.sender.load(us(1_000)).unwrap();
+        assert_eq!(bench.wire.carry(us(1_000), loaded.edges, loaded.end), None);
+        let idle = |_: LineId, _: Instant| Driven { level: Level::High, next: Instant::NEVER };
+        assert!(bench.wire.pass(loaded.end, idle).is_some());
+        assert_eq!(bench.wire.pass(us(5_000), idle), Some(vec![Edge { at: loaded.end, level: Level::High }]));
+        assert!(!bench.wire.is_disturbed());
+    }
+
+    #[test]
+    fn what_can_no_longer_be_withdrawn_is_settled() {
+        let mut bench = Bench::new();
+        bench.send(b"a");
+        let last = bench.wire.take_sure(Instant::NEVER).last().unwrap().at;
+        assert_eq!(bench.wire.settled(), last.next());
     }
 
     #[test]
