@@ -2,7 +2,8 @@
 //! port, plays whole programs.
 //!
 //! [`rig`] is the running rig, [`engine`] decides how far each board may run, [`pace`] holds time back to the wall
-//! clock, [`play`] plays a program through, [`live`] keeps a rig up for somebody's own software at the [`port`].
+//! clock, [`play`] plays a program through, [`live`] keeps a rig up for somebody's own software at the [`port`],
+//! [`trace`] is the record of either.
 
 mod channel;
 pub mod engine;
@@ -21,3 +22,4 @@ pub mod seat;
 pub mod send;
 pub mod sweep;
 pub mod text;
+pub mod trace;

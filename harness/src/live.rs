@@ -1,18 +1,20 @@
 //! Keeps a rig up, with a PC port that anybody's software may open.
 
 use std::io;
+use std::time::Duration;
 
 use torno_protocol::board::Stimulus;
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::BITS_PER_CHARACTER;
 
 use crate::engine::{Fact, Limit};
-use crate::observe::log;
-use crate::pace::{Brake, Pace};
+use crate::observe::{Digest, log};
+use crate::pace::{Brake, Pace, Second};
 use crate::pc::{PcEvent, PcUart, STOPPED};
 use crate::port::{LineSettings, PcPort, PortEvent};
 use crate::rig::file::RigFile;
 use crate::rig::{Driver, Rig, RigError};
+use crate::trace::{End, Recorder, RecordingError};
 
 /// So many of the client's bytes wait in the driver at the most. Its settings are read with each helping, so a new
 /// speed holds at most this many characters late.
@@ -40,6 +42,14 @@ pub struct Live {
     /// How far time has gone.
     reached: Instant,
     kept_up: Instant,
+    recording: Option<Recording>,
+}
+
+struct Recording {
+    recorder: Recorder,
+    digest: Digest,
+    /// Since what was noted has been written.
+    second: Second,
 }
 
 /// Why a live rig ended.
@@ -51,6 +61,9 @@ pub enum LiveError {
     /// The PC port, or the timer.
     #[error("the PC port failed")]
     Port(#[from] io::Error),
+    /// What happens cannot be recorded any more.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
 }
 
 impl Live {
@@ -72,7 +85,32 @@ impl Live {
             held: false,
             reached: Instant::START,
             kept_up: Instant::START,
+            recording: None,
         })
+    }
+
+    /// Records everything from the start. For a rig that does not run yet.
+    pub fn record(&mut self, recorder: Recorder) {
+        self.recording = Some(Recording { recorder, digest: Digest::new(&self.rig), second: Second::begin() });
+    }
+
+    /// Ends the recording, if there is one: every board is brought to one instant, so that what is recorded is all that
+    /// happened before it.
+    ///
+    /// # Errors
+    /// [`LiveError`] if the rig breaks over it, or the recording cannot be written.
+    pub async fn end_recording(&mut self) -> Result<(), LiveError> {
+        if self.recording.is_none() {
+            return Ok(());
+        }
+        let until = self.now().max(self.rig.engine().frontier()).max(Instant::START.next());
+        self.rig.settle(until).await?;
+        self.note()?;
+        if let Some(Recording { mut recorder, digest, .. }) = self.recording.take() {
+            let at = until - Span::from_nanos(1);
+            recorder.finish(&End { digest: digest.sum().to_string(), at, outcome: "interrupted".to_owned() })?;
+        }
+        Ok(())
     }
 
     /// The rig.
@@ -106,6 +144,7 @@ impl Live {
                 self.wait().await?;
             } else {
                 self.check_pace(limit.until);
+                self.write_recording(Duration::ZERO)?;
                 tokio::task::yield_now().await;
             }
             self.keep_up().await?;
@@ -116,6 +155,7 @@ impl Live {
     async fn wait(&mut self) -> Result<(), LiveError> {
         let next = self.next_instant();
         let room = self.room();
+        self.write_recording(self.brake.wall_until(next))?;
         tokio::select! {
             biased;
             () = self.rig.news() => {}
@@ -127,6 +167,16 @@ impl Live {
                 let now = self.brake.now().unwrap_or(self.now());
                 self.take(event?, now)?;
             }
+        }
+        Ok(())
+    }
+
+    /// Writes what is recorded, if a second will have passed since the last time when `wait` has.
+    fn write_recording(&mut self, wait: Duration) -> Result<(), RecordingError> {
+        if let Some(Recording { recorder, second, .. }) = &mut self.recording
+            && second.is_over(wait)
+        {
+            recorder.flush()?;
         }
         Ok(())
     }
@@ -183,15 +233,25 @@ impl Live {
         Ok(())
     }
 
-    /// Hands the client what has come for it, and logs the rest.
-    fn deliver(&mut self) -> Result<(), LiveError> {
+    /// What has happened since the last call, logged and recorded.
+    fn note(&mut self) -> Result<Vec<Fact>, RecordingError> {
         for incident in self.rig.take_incidents() {
             log::set_time(incident.at);
             tracing::warn!("{incident}");
         }
+        let (inputs, facts) = (self.rig.take_inputs(), self.rig.take_facts());
+        facts.iter().for_each(|fact| log::log(&self.rig, fact));
+        if let Some(Recording { recorder, digest, .. }) = &mut self.recording {
+            facts.iter().for_each(|fact| digest.add(fact));
+            recorder.note(&inputs, &facts, self.rig.engine().frontier())?;
+        }
+        Ok(facts)
+    }
+
+    /// Hands the client what has come for it.
+    fn deliver(&mut self) -> Result<(), LiveError> {
         let mut received = Vec::new();
-        for fact in self.rig.take_facts() {
-            log::log(&self.rig, &fact);
+        for fact in self.note()? {
             let event = match fact {
                 Fact::Event { node, event, value, .. } if node == self.rig.pc() => PcEvent::from_numbers(event, value),
                 Fact::Telemetry { node, signal: STOPPED, value, .. } if node == self.rig.pc() => {

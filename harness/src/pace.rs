@@ -116,6 +116,16 @@ impl Brake {
         Some(behind)
     }
 
+    /// How long it takes until the wall clock stands for `instant`; for ever, if time is not held back.
+    pub fn wall_until(&self, instant: Instant) -> Duration {
+        match self.now() {
+            Some(now) if !instant.is_never() => {
+                Duration::try_from_secs_f64(instant.since(now).as_secs_f64() / self.times()).unwrap_or(Duration::MAX)
+            }
+            _ => Duration::MAX,
+        }
+    }
+
     /// Waits until the wall clock stands for a virtual instant after `instant`; for ever, if time is not held back or
     /// `instant` is never. Cancel-safe.
     ///
@@ -144,6 +154,29 @@ impl Brake {
             Pace::Times(times) => times,
             Pace::Max => 1.0,
         }
+    }
+}
+
+/// Tells when a second of wall time has passed, to those who look by.
+#[derive(Debug)]
+pub struct Second {
+    begun: WallInstant,
+}
+
+impl Second {
+    /// A second that begins now.
+    pub fn begin() -> Self {
+        Self { begun: wall_now() }
+    }
+
+    /// Whether it will have passed when `wait` has; if so, another begins now.
+    pub fn is_over(&mut self, wait: Duration) -> bool {
+        let now = wall_now();
+        let over = now.duration_since(self.begun).saturating_add(wait) >= Duration::from_secs(1);
+        if over {
+            self.begun = now;
+        }
+        over
     }
 }
 

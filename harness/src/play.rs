@@ -10,6 +10,7 @@ use crate::pace::{Brake, Pace};
 use crate::pc::{PcEvent, PcProgram, PcUart};
 use crate::rig::file::RigFile;
 use crate::rig::{Cost, Driver, Incident, Rig, RigError};
+use crate::trace::{End, Recorder};
 
 /// The PC starts to send so long after the rig has started, or later where characters are long: a decoder wants to see
 /// an idle line first.
@@ -115,6 +116,7 @@ struct Stage {
     digest: Digest,
     telemetry: Telemetry,
     waveforms: Option<Waveforms>,
+    recorder: Option<Recorder>,
     decoder: ReplyDecoder,
     conversation: Conversation,
     bytes_sent: usize,
@@ -127,7 +129,19 @@ impl Play {
     ///
     /// # Errors
     /// [`RigError`] if the rig itself breaks.
-    pub async fn run(self, mut progress: impl FnMut(Progress<'_>)) -> Result<Finale, RigError> {
+    pub async fn run(self, progress: impl FnMut(Progress<'_>)) -> Result<Finale, RigError> {
+        self.record(None, progress).await
+    }
+
+    /// The same, and records it.
+    ///
+    /// # Errors
+    /// [`RigError`] if the rig itself breaks, or the recording cannot go on.
+    pub async fn record(
+        self,
+        recorder: Option<Recorder>,
+        mut progress: impl FnMut(Progress<'_>),
+    ) -> Result<Finale, RigError> {
         let pc = &self.file.pc;
         let uart = PcUart::new(pc.baud, pc.tx_fifo, pc.clock).with_program(Careful::default());
         let mut rig = Rig::start(&self.file, &self.driver, uart).await?;
@@ -143,20 +157,20 @@ impl Play {
         let pc = rig.pc();
         let start = Instant::START + PROGRAM_START.max(self.file.margin());
         rig.stimulate(pc, start, Stimulus::Write(self.program.bytes()));
-        let mut stage = Stage::new(rig, self.waveforms);
+        let mut stage = Stage::new(rig, self.waveforms, recorder);
         let mut brake = Brake::new(self.pace)?;
         loop {
             let limit = if self.pace == Pace::Max { Limit::NONE } else { brake.limit() };
             let mut steps = 0;
             while stage.rig.step(limit).await? {
-                stage.take_note();
+                stage.take_note()?;
                 progress(stage.progress());
                 steps += 1;
                 if steps % STEPS_PER_LOOK == 0 {
                     tokio::task::yield_now().await;
                 }
             }
-            stage.take_note();
+            stage.take_note()?;
             progress(stage.progress());
             if stage.rig.engine().is_quiet() {
                 break;
@@ -192,11 +206,12 @@ fn break_it(rig: &mut Rig, breakage: &Breakage) -> Result<(), RigError> {
 }
 
 impl Stage {
-    fn new(rig: Rig, waveforms: bool) -> Self {
+    fn new(rig: Rig, waveforms: bool, recorder: Option<Recorder>) -> Self {
         Self {
             digest: Digest::new(&rig),
             telemetry: Telemetry::new(&rig),
             waveforms: waveforms.then(|| Waveforms::new(&rig)),
+            recorder,
             rig,
             decoder: ReplyDecoder::default(),
             conversation: Conversation::default(),
@@ -207,13 +222,17 @@ impl Stage {
     }
 
     /// Makes of the facts what is to be made of them.
-    fn take_note(&mut self) {
+    fn take_note(&mut self) -> Result<(), RigError> {
         for incident in self.rig.take_incidents() {
             log::set_time(incident.at);
             tracing::warn!("{incident}");
             self.incidents.push(incident);
         }
-        for fact in self.rig.take_facts() {
+        let (inputs, facts) = (self.rig.take_inputs(), self.rig.take_facts());
+        if let Some(recorder) = &mut self.recorder {
+            recorder.note(&inputs, &facts, self.rig.engine().frontier())?;
+        }
+        for fact in facts {
             log::log(&self.rig, &fact);
             self.digest.add(&fact);
             self.telemetry.add(&fact);
@@ -228,6 +247,7 @@ impl Stage {
             }
         }
         self.now = self.now.max(self.rig.engine().frontier());
+        Ok(())
     }
 
     fn listen(&mut self, event: Option<PcEvent>) {
@@ -252,16 +272,22 @@ impl Stage {
     async fn finish(mut self, frames: usize) -> Result<Finale, RigError> {
         let end = self.rig.engine().quiet_since();
         self.rig.catch_up(end.next()).await?;
-        self.take_note();
+        self.take_note()?;
+        let outcome = self.conversation.outcome(frames);
+        let digest = self.digest.sum();
+        if let Some(recorder) = &mut self.recorder {
+            let end = End { digest: digest.to_string(), at: end, outcome: outcome.name().to_owned() };
+            recorder.finish(&end)?;
+        }
         let board = |(id, node): (NodeId, &crate::rig::Node)| BoardFinale {
             name: node.name.clone(),
             pid: node.pid.unwrap_or_else(std::process::id),
             telemetry: self.telemetry.of(id),
         };
         Ok(Finale {
-            outcome: self.conversation.outcome(frames),
+            outcome,
             end,
-            digest: self.digest.sum(),
+            digest,
             boards: self.rig.nodes().iter().enumerate().filter(|(id, _)| *id != self.rig.pc()).map(board).collect(),
             incidents: self.incidents,
             costs: self.rig.costs(),

@@ -1,14 +1,18 @@
 //! The command line.
 
 mod board;
+mod diff;
+mod replay;
 mod run;
 mod send;
 mod sweep;
 mod test;
+mod trace;
 mod up;
 
+use std::fs::File;
 use std::future::poll_fn;
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, BufReader, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::task::Poll;
@@ -25,6 +29,8 @@ use torno::rig::{Driver, RigError};
 use torno::seat::SeatError;
 use torno::send::SendError;
 use torno::text::{self, TextError};
+use torno::trace::replay::ReplayError;
+use torno::trace::{Damage, Header, Recorder, RecordingError, Trace};
 use torno_protocol::lathe::Program;
 
 /// A check failed: the program was not executed as it should have been.
@@ -40,8 +46,8 @@ const INTERRUPTED: u8 = 130;
 #[derive(Debug, Parser)]
 #[command(name = "torno", version, arg_required_else_help = true, max_term_width = 100)]
 #[command(
-    after_help = "Exit status: 0 as expected, 1 a check failed, 2 wrong usage or broken input, 3 the rig broke,\n\
-    130 interrupted.\n\
+    after_help = "Exit status: 0 as expected, 1 a check failed, 2 wrong usage or broken input, 3 the rig broke or\n\
+    cannot be recorded, 130 interrupted.\n\
     RUST_LOG sets what is logged on standard error, e.g. RUST_LOG=info."
 )]
 struct Arguments {
@@ -61,6 +67,12 @@ enum Command {
     Test(test::Arguments),
     /// Runs a scenario over seeds, and over ranges of whatever its files say.
     Sweep(sweep::Arguments),
+    /// Prints a recorded trace as a bus analyser would, or exports it.
+    Trace(trace::Arguments),
+    /// Lets a recorded session happen again, and checks that the same comes of it.
+    Replay(replay::Arguments),
+    /// Tells where two traces part.
+    Diff(diff::Arguments),
     /// Is one board; this is what the launcher starts.
     Board(board::Arguments),
 }
@@ -79,6 +91,9 @@ pub(crate) fn main(started: Instant) -> ExitCode {
             Command::Send(arguments) => arguments.run(started).await,
             Command::Test(arguments) => arguments.run(),
             Command::Sweep(arguments) => arguments.run(),
+            Command::Trace(arguments) => arguments.run(),
+            Command::Replay(arguments) => arguments.run(started).await,
+            Command::Diff(arguments) => arguments.run(),
             Command::Board(arguments) => arguments.run().await,
         }
     });
@@ -91,7 +106,10 @@ fn complain(error: &anyhow::Error) -> ExitCode {
 }
 
 fn exit_code(error: &anyhow::Error) -> u8 {
-    let broken = error.downcast_ref::<RigError>().is_some() || error.downcast_ref::<LiveError>().is_some();
+    let broken = error.downcast_ref::<RigError>().is_some()
+        || error.downcast_ref::<LiveError>().is_some()
+        || error.downcast_ref::<RecordingError>().is_some()
+        || matches!(error.downcast_ref::<ReplayError>(), Some(ReplayError::Rig(_)));
     let failed = matches!(error.downcast_ref::<SendError>(), Some(SendError::Port { .. }));
     let used_wrongly = error.downcast_ref::<PortError>().is_some()
         || error.downcast_ref::<RigFileError>().is_some()
@@ -133,6 +151,23 @@ fn load_program(path: Option<&Path>) -> anyhow::Result<(String, Program)> {
     })?;
     let program = Program::parse(&text).with_context(|| name.clone())?;
     Ok((name, program))
+}
+
+/// Opens a recording and writes its header.
+fn start_recording(path: &Path, header: &Header) -> anyhow::Result<Recorder> {
+    let file = Recorder::open(path)?;
+    Ok(Recorder::begin(path, file, header)?)
+}
+
+/// The trace in a file, and whether it is whole. If it is not, says so on standard error.
+fn load_trace(path: &Path) -> anyhow::Result<(Trace, Option<Damage>)> {
+    let of_file = |damage: Damage| anyhow::Error::new(damage).context(format!("'{}'", path.display()));
+    let file = File::open(path).map_err(|error| of_file(error.into()))?;
+    let (trace, damage) = torno::trace::read(BufReader::new(file)).map_err(of_file)?;
+    if let Some(damage) = &damage {
+        eprintln!("torno: '{}' {damage}, up to {}", path.display(), trace.settled);
+    }
+    Ok((trace, damage))
 }
 
 /// A result on standard output. That nobody reads it is no error.

@@ -12,9 +12,10 @@ use torno::pace::Pace;
 use torno::play::{Finale, Play};
 use torno::report::{Bar, BoardSummary, Frames, Stats, Summary, failures};
 use torno::rig::file::RigFile;
+use torno::trace::Header;
 use torno_protocol::lathe::Outcome;
 
-use super::{FAILED, INTERRUPTED, Interrupt, colour, driver, load_program, print, rig_and_program};
+use super::{FAILED, INTERRUPTED, Interrupt, colour, driver, load_program, print, rig_and_program, start_recording};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -37,6 +38,9 @@ pub(super) struct Arguments {
     /// Also tells what limits the rig: turns, bytes, and where the time goes
     #[arg(long)]
     stats: bool,
+    /// Records everything that happens, for 'torno trace', 'torno replay' and 'torno diff'; overwrites a trace
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
     /// Prints the summary as one line of JSON
     #[arg(long)]
     json: bool,
@@ -50,6 +54,8 @@ impl Arguments {
         let (program_name, program) = load_program(program.as_deref())?;
         // Before anything runs: a file that cannot be written must not cost a run.
         let vcd = self.vcd.as_deref().map(create).transpose()?;
+        let header = Header::new(&file, &rig, self.seed, Some(&program_name));
+        let recorder = self.record.as_deref().map(|path| start_recording(path, &header)).transpose()?;
         let frames = program.frames.len();
         let tail = file.margin();
         let rig = file.name.clone();
@@ -60,7 +66,7 @@ impl Arguments {
 
         let mut interrupt = Interrupt::listen()?;
         let bar = Bar::new(frames, started);
-        let run = play.run(|progress| bar.update(progress.conversation.accepted, Some(progress.now)));
+        let run = play.record(recorder, |progress| bar.update(progress.conversation.accepted, Some(progress.now)));
         let finale = tokio::select! {
             finale = run => finale?,
             () = interrupt.received() => return Ok(ExitCode::from(INTERRUPTED)),

@@ -10,8 +10,9 @@ use torno::observe::log;
 use torno::pace::Pace;
 use torno::port::{LinkPath, PcPort};
 use torno::rig::file::{DEFAULT, RigFile};
+use torno::trace::Header;
 
-use super::{Interrupt, driver, print};
+use super::{Interrupt, driver, print, start_recording};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -27,6 +28,9 @@ pub(super) struct Arguments {
     /// Runs the boards in this process instead of one each
     #[arg(long)]
     in_process: bool,
+    /// Records everything that happens, for 'torno trace', 'torno replay' and 'torno diff'; overwrites a trace
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
     /// Prints where everything is as one line of JSON, when the rig is ready
     #[arg(long)]
     json: bool,
@@ -56,7 +60,8 @@ struct Board {
 impl Arguments {
     pub(super) async fn run(self) -> anyhow::Result<ExitCode> {
         log::init("info");
-        let file = RigFile::load(self.rig.as_deref().unwrap_or(DEFAULT))?;
+        let rig = self.rig.as_deref().unwrap_or(DEFAULT);
+        let file = RigFile::load(rig)?;
         // Before anything is announced, so that whoever reads the announcement may end the rig.
         let mut interrupt = Interrupt::listen()?;
         let link = match self.link {
@@ -64,10 +69,20 @@ impl Arguments {
             None => LinkPath::Default { rig: file.name.clone() },
         };
         let port = PcPort::open(link, file.pc.baud)?;
+        let header = Header::new(&file, rig, 0, None);
+        let recorder = self.record.as_deref().map(|path| start_recording(path, &header)).transpose()?;
         let mut live = Live::start(&file, &driver(self.in_process)?, self.pace, port).await?;
+        if let Some(recorder) = recorder {
+            live.record(recorder);
+        }
         print(&announcement(&file, &live, self.pace, self.json)?)?;
         tokio::select! {
             ended = live.run() => match ended? {},
+            () = interrupt.received() => {}
+        }
+        tokio::select! {
+            ended = live.end_recording() => ended?,
+            // Who cannot wait for a board that does not answer has a trace without an end.
             () = interrupt.received() => {}
         }
         Ok(ExitCode::SUCCESS)

@@ -8,6 +8,7 @@ use xxhash_rust::xxh3::Xxh3;
 
 use crate::engine::Fact;
 use crate::rig::Rig;
+use crate::trace::Header;
 
 /// Hashes facts, each line and each board in a stream of its own: in what order facts of different streams were settled
 /// depends on how time was cut into turns, and must not show.
@@ -34,11 +35,18 @@ impl fmt::Display for Sum {
 impl Digest {
     /// A digest for `rig`, of nothing yet.
     pub fn new(rig: &Rig) -> Self {
+        Self::named(rig.nodes().iter().map(|node| node.name.as_str()), rig.lines().iter().map(String::as_str))
+    }
+
+    /// The same for the rig of a trace.
+    pub fn of(header: &Header) -> Self {
+        let nodes = header.boards.iter().map(|board| board.name.as_str());
+        Self::named(nodes, header.lines.iter().map(|line| line.name.as_str()))
+    }
+
+    fn named<'a>(nodes: impl Iterator<Item = &'a str>, lines: impl Iterator<Item = &'a str>) -> Self {
         let stream = |name: &str| Stream { name: name.to_owned(), hash: Xxh3::new() };
-        Self {
-            nodes: rig.nodes().iter().map(|node| stream(&node.name)).collect(),
-            lines: rig.lines().iter().map(|name| stream(name)).collect(),
-        }
+        Self { nodes: nodes.map(stream).collect(), lines: lines.map(stream).collect() }
     }
 
     /// Adds a fact.

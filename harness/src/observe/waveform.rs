@@ -9,6 +9,7 @@ use vcd::{SimulationCommand, TimescaleUnit, Value, Writer};
 
 use crate::engine::Fact;
 use crate::rig::Rig;
+use crate::trace::Header;
 
 /// Collects the edges of every line.
 pub struct Waveforms {
@@ -19,6 +20,11 @@ impl Waveforms {
     /// The lines of `rig`, idle so far.
     pub fn new(rig: &Rig) -> Self {
         Self { lines: rig.lines().iter().map(|name| (name.clone(), Vec::new())).collect() }
+    }
+
+    /// The lines of a trace's rig, idle so far.
+    pub fn of(header: &Header) -> Self {
+        Self { lines: header.lines.iter().map(|line| (line.name.clone(), Vec::new())).collect() }
     }
 
     /// Takes note of a fact.

@@ -2,9 +2,11 @@
 
 mod cost;
 pub mod file;
+mod input;
 pub mod kinds;
 mod process;
 
+use std::collections::BTreeMap;
 use std::future::poll_fn;
 use std::io;
 use std::path::PathBuf;
@@ -21,9 +23,11 @@ use torno_protocol::time::Instant;
 
 use crate::engine::{Disturbance, End, Engine, Fact, FaultId, Hit, LateOutput, Limit, LineId, NodeId, Watch, WatchId};
 use crate::pc::{PcProgram, PcUart};
+use crate::trace::RecordingError;
 use cost::Stopwatch;
 pub use cost::{Bytes, Cost};
 use file::RigFile;
+pub use input::{Input, What};
 use kinds::Steps;
 use process::BoardProcess;
 pub use process::ProcessChange;
@@ -117,6 +121,9 @@ pub enum RigError {
         /// The name.
         name: String,
     },
+    /// The rig is fine, but what happens cannot be recorded.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
     /// The system refuses something.
     #[error("cannot watch the boards' processes")]
     System(#[from] io::Error),
@@ -173,6 +180,9 @@ pub struct Rig {
     news: bool,
     incidents: Vec<Incident>,
     stopwatch: Option<Stopwatch>,
+    inputs: Vec<Input>,
+    /// The line of each fault on one.
+    faults: BTreeMap<FaultId, LineId>,
 }
 
 impl Rig {
@@ -195,6 +205,8 @@ impl Rig {
             news: false,
             incidents: Vec::new(),
             stopwatch: None,
+            inputs: Vec::new(),
+            faults: BTreeMap::new(),
         };
         for board in &file.boards {
             let seat = seat(board, driver)?;
@@ -317,6 +329,11 @@ impl Rig {
         self.engine.take_facts()
     }
 
+    /// What has come from outside since the last call, in the order in which it came.
+    pub fn take_inputs(&mut self) -> Vec<Input> {
+        core::mem::take(&mut self.inputs)
+    }
+
     /// What has become of processes since the last call.
     pub fn take_incidents(&mut self) -> Vec<Incident> {
         core::mem::take(&mut self.incidents)
@@ -324,17 +341,30 @@ impl Rig {
 
     /// Gives a node a stimulus at `at`, or as soon after it as nothing settled is touched. Says when.
     pub fn stimulate(&mut self, node: NodeId, at: Instant, stimulus: Stimulus) -> Instant {
-        self.engine.stimulate(node, at, stimulus)
+        let given = self.engine.frontier();
+        let at = self.engine.stimulate(node, at, stimulus.clone());
+        self.inputs.push(Input { given, at, what: What::Stimulus { board: node, stimulus } });
+        at
     }
 
     /// Begins a fault on a line at `at`, or as soon after it as nothing settled is touched. Says when.
     pub fn disturb(&mut self, line: LineId, at: Instant, what: &Disturbance) -> (FaultId, Instant) {
-        self.engine.disturb(line, at, what)
+        let given = self.engine.frontier();
+        let (fault, at) = self.engine.disturb(line, at, what);
+        let what = What::Disturbed { line, fault: fault.number(), disturbance: what.clone() };
+        self.inputs.push(Input { given, at, what });
+        self.faults.insert(fault, line);
+        (fault, at)
     }
 
     /// Ends it, in the same way.
     pub fn heal(&mut self, fault: FaultId, at: Instant) -> Instant {
-        self.engine.heal(fault, at)
+        let given = self.engine.frontier();
+        let at = self.engine.heal(fault, at);
+        if let Some(line) = self.faults.get(&fault) {
+            self.inputs.push(Input { given, at, what: What::Healed { line: *line, fault: fault.number() } });
+        }
+        at
     }
 
     /// Faults that lay in wait for a character and have met it, since the last call.
@@ -355,6 +385,13 @@ impl Rig {
     /// See [`Engine::take_hits`].
     pub fn take_hits(&mut self) -> Vec<Hit> {
         self.engine.take_hits()
+    }
+
+    /// Ends a board as the death of its process would, except that nobody is told: for a run that is repeated. Says
+    /// from when on nothing comes from it.
+    pub fn end_board(&mut self, node: NodeId) -> Instant {
+        self.nodes[node].seat = Seat::Empty;
+        self.engine.kill(node)
     }
 
     /// Lets everything happen that can happen before `limit`.
@@ -391,6 +428,18 @@ impl Rig {
         let turns = self.engine.catch_up(until);
         self.give(turns).await?;
         self.advance(Limit { until, silence: Instant::START }).await
+    }
+
+    /// Settles everything before `until`, and nothing of it and later: every board is brought there, whatever silence
+    /// it waits for. Boards that are stopped or gone stay where they are.
+    ///
+    /// # Errors
+    /// [`RigError`] if the rig cannot go on.
+    pub async fn settle(&mut self, until: Instant) -> Result<(), RigError> {
+        self.advance(Limit::until(until)).await?;
+        let turns = self.engine.catch_up(until);
+        self.give(turns).await?;
+        self.advance(Limit::until(until)).await
     }
 
     /// Waits for news of the processes. The next [step](Self::step) brings the rig up to its limit and then takes note
@@ -498,6 +547,7 @@ impl Rig {
     }
 
     fn process_changed(&mut self, id: NodeId, what: ProcessChange) {
+        let given = self.engine.frontier();
         let at = match what {
             ProcessChange::Stopped => self.engine.stop(id),
             ProcessChange::Continued => self.engine.resume(id),
@@ -505,10 +555,16 @@ impl Rig {
                 if let Seat::Process(process) = &self.nodes[id].seat {
                     self.nodes[id].bytes.1 = Some(process.bytes());
                 }
-                self.nodes[id].seat = Seat::Empty;
-                self.engine.kill(id)
+                self.end_board(id)
             }
         };
+        let told = self.engine.told(id);
+        let input = match what {
+            ProcessChange::Stopped => What::Stopped { board: id, told },
+            ProcessChange::Continued => What::Continued { board: id },
+            ProcessChange::Died(_) => What::Died { board: id, told },
+        };
+        self.inputs.push(Input { given, at, what: input });
         let Node { name, pid, .. } = &self.nodes[id];
         self.incidents.push(Incident { at, board: name.clone(), pid: pid.unwrap_or_default(), what });
     }

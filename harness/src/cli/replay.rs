@@ -1,0 +1,69 @@
+//! `torno replay`
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Instant;
+
+use serde_json::json;
+use torno::observe::log;
+use torno::rig::Driver;
+use torno::trace::diff::{Extent, first_difference};
+use torno::trace::replay::replay;
+
+use super::{FAILED, INTERRUPTED, Interrupt, driver, load_trace, print};
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// The trace that '--record' has written
+    file: PathBuf,
+    /// Runs each board in a process of its own instead of all in this one
+    #[arg(long)]
+    processes: bool,
+    /// Prints the result as one line of JSON
+    #[arg(long)]
+    json: bool,
+}
+
+impl Arguments {
+    pub(super) async fn run(self, started: Instant) -> anyhow::Result<ExitCode> {
+        log::init("warn");
+        let (trace, _) = load_trace(&self.file)?;
+        let driver = if self.processes { driver(false)? } else { Driver::InProcess };
+        let mut interrupt = Interrupt::listen()?;
+        let again = tokio::select! {
+            again = replay(&trace, &driver) => again?,
+            () = interrupt.received() => return Ok(ExitCode::from(INTERRUPTED)),
+        };
+        let digest = again.digest.to_string();
+        let (virtual_s, wall_s) = (trace.until().as_secs_f64(), started.elapsed().as_secs_f64());
+        let same = trace.end.as_ref().map(|end| end.digest == digest);
+        let extent = if same.is_some() { Extent::Whole } else { Extent::Beginning };
+        let difference = if same == Some(true) { None } else { first_difference(&trace, &again.trace, extent) };
+        let recorded = trace.end.as_ref().map(|end| end.digest.as_str());
+        let is_same = same.unwrap_or(difference.is_none());
+        let text = if self.json {
+            let result = json!({
+                "same": is_same,
+                "digest": digest,
+                "recorded": recorded,
+                "virtual_s": virtual_s,
+                "wall_s": wall_s,
+                "difference": difference.as_ref().map(|difference| difference.json()),
+            });
+            format!("{result}\n")
+        } else {
+            let time = format!("{virtual_s:.3} s virtual repeated in {wall_s:.3} s");
+            match (&difference, same) {
+                (None, Some(true)) => format!("same digest {digest}: {time}\n"),
+                (None, None) => format!("the same as far as it is recorded: {time}\n"),
+                (None, Some(false)) => {
+                    let recorded = recorded.unwrap_or_default();
+                    format!("digest {digest} instead of {recorded}, and yet the facts are the same: {time}\n")
+                }
+                (Some(difference), _) => difference.text("recorded", "repeated"),
+            }
+        };
+        print(&text)?;
+        Ok(if is_same { ExitCode::SUCCESS } else { ExitCode::from(FAILED) })
+    }
+}

@@ -1,0 +1,95 @@
+//! `torno trace`
+
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::Context;
+use torno::observe::Waveforms;
+use torno::rig::file::RigFile;
+use torno::trace::Trace;
+use torno::trace::rows::{CSV_HEADER, Filter, Row, Wanted, rows};
+use torno_protocol::time::{Instant, Span};
+
+use super::{USAGE, colour, load_trace};
+
+/// Goes on for so long after the end of a waveform dump whose rig this version cannot read: two characters at 50 baud.
+const LONG_TAIL: Span = Span::from_millis(400);
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// The trace that '--record' has written
+    file: PathBuf,
+    /// Nothing before this, in virtual seconds
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    from: Option<Instant>,
+    /// Nothing after this, in virtual seconds
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    to: Option<Instant>,
+    /// Only this line, as 'pc_to_master'; may be repeated, and joined with --board
+    #[arg(long, value_name = "NAME")]
+    line: Vec<String>,
+    /// Only this board; may be repeated, and joined with --line
+    #[arg(long, value_name = "NAME")]
+    board: Vec<String>,
+    /// Only edges, characters, frames, telemetry, events or inputs; may be repeated [default: all but edges]
+    #[arg(long, value_name = "KIND")]
+    kind: Vec<String>,
+    /// Writes every line of the rig as a one-bit signal, in nanoseconds; prints nothing
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["csv", "json", "from", "to", "line", "board", "kind"])]
+    vcd: Option<PathBuf>,
+    /// Prints telemetry as comma-separated values, one row a change
+    #[arg(long, conflicts_with_all = ["json", "kind", "line"])]
+    csv: bool,
+    /// Prints one JSON object a line
+    #[arg(long)]
+    json: bool,
+}
+
+fn seconds(text: &str) -> Result<Instant, String> {
+    let seconds: Option<f64> = text.parse().ok().filter(|seconds| (0.0..=1e9).contains(seconds));
+    let nanos = seconds.map(|seconds| (seconds * 1e9).round() as u64);
+    nanos.map(Instant::from_nanos).ok_or_else(|| "expected seconds, 0 to 1000000000".to_owned())
+}
+
+impl Arguments {
+    pub(super) fn run(self) -> anyhow::Result<ExitCode> {
+        let (trace, damage) = load_trace(&self.file)?;
+        if let Some(path) = &self.vcd {
+            write_waveforms(&trace, path).with_context(|| format!("cannot write '{}'", path.display()))?;
+        } else {
+            let (kinds, csv) = if self.csv { (vec!["telemetry".to_owned()], true) } else { (self.kind, false) };
+            let from = self.from.unwrap_or(Instant::START);
+            let wanted = Wanted { from, to: self.to, lines: self.line, boards: self.board, kinds };
+            let rows = rows(&trace, &Filter::new(&trace, &wanted)?);
+            let colour = colour();
+            let show = |row: &Row| match () {
+                () if csv => row.csv(&trace).unwrap_or_default(),
+                () if self.json => row.json(&trace).to_string(),
+                () => row.text(&trace, colour),
+            };
+            match print_rows(csv.then_some(CSV_HEADER), rows.iter().map(show)) {
+                Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {}
+                printed => printed.context("cannot write the result")?,
+            }
+        }
+        Ok(if damage.is_some() { ExitCode::from(USAGE) } else { ExitCode::SUCCESS })
+    }
+}
+
+fn print_rows(first: Option<&str>, rows: impl Iterator<Item = String>) -> io::Result<()> {
+    let mut output = BufWriter::new(io::stdout().lock());
+    for row in first.map(str::to_owned).into_iter().chain(rows) {
+        writeln!(output, "{row}")?;
+    }
+    output.flush()
+}
+
+fn write_waveforms(trace: &Trace, path: &Path) -> io::Result<()> {
+    let mut waveforms = Waveforms::of(&trace.header);
+    trace.facts.iter().for_each(|fact| waveforms.add(fact));
+    let end = trace.end.as_ref().map_or(trace.settled, |end| end.at);
+    let tail = RigFile::parse(&trace.header.rig, &trace.header.text).map_or(LONG_TAIL, |file| file.margin());
+    waveforms.write(BufWriter::new(File::create(path)?), end, tail)
+}

@@ -1,0 +1,339 @@
+//! Makes messages of characters: frames, the slaves' parts of them, and replies.
+//!
+//! Where frames begin is not on the line; it follows from silences, from replies and from which slaves are busy. So the
+//! characters of all lines are read together, by the rules of the boards.
+
+use torno_protocol::lathe::{
+    ACK, BEL, CAN, CHARACTER, DepthPart, ENQ, FRAME_GAP, Fault, Frame, Refusal, Reply, ReplyDecoder, Slave,
+    SpindlePart, TransversePart,
+};
+use torno_protocol::time::{Instant, Span};
+
+use super::Trace;
+use super::decode::Heard;
+use crate::engine::LineId;
+
+/// The longest time from one character of a slave's part to the next.
+const PART_GAP: Span = CHARACTER.times(3);
+
+/// Something that was said over a line.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Message {
+    /// When it was complete.
+    pub at: Instant,
+    /// The line.
+    pub line: LineId,
+    /// What was said.
+    pub text: String,
+    /// Something is wrong with it.
+    pub flaw: bool,
+}
+
+/// What a line is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Role {
+    Frames,
+    Replies,
+    Parts(Slave),
+    Answers(Slave),
+    Unknown,
+}
+
+/// The messages in these characters, which are in order of time; in order of time, too.
+pub fn messages(trace: &Trace, characters: &[Heard]) -> Vec<Message> {
+    let kind = |board: usize| trace.header.boards[board].kind.as_str();
+    let role = |line: &super::LineInfo| match (kind(line.from), kind(line.to)) {
+        ("pc", "master") => Role::Frames,
+        ("master", "pc") => Role::Replies,
+        ("master", to) => slave(to).map_or(Role::Unknown, Role::Parts),
+        (from, "master") => slave(from).map_or(Role::Unknown, Role::Answers),
+        _ => Role::Unknown,
+    };
+    let roles: Vec<Role> = trace.header.lines.iter().map(role).collect();
+    let mut reader = Reader::default();
+    for heard in characters {
+        reader.hear(heard, roles[heard.line]);
+    }
+    reader.end();
+    reader.messages.sort_by_key(|message| message.at);
+    reader.messages
+}
+
+fn slave(kind: &str) -> Option<Slave> {
+    Slave::ALL.into_iter().find(|slave| slave.name() == kind)
+}
+
+#[derive(Default)]
+struct Reader {
+    /// The bytes of the frame that is coming.
+    frame: Partial,
+    /// Until the PC has been silent, nothing is a frame.
+    discarding: bool,
+    /// The last `XON`: the silence of a PC that was held counts from there.
+    resumed: Instant,
+    replies: ReplyDecoder,
+    slaves: [Conversation; 3],
+    messages: Vec<Message>,
+}
+
+#[derive(Default)]
+struct Partial {
+    line: LineId,
+    bytes: Vec<u8>,
+    last: Instant,
+}
+
+#[derive(Default)]
+struct Conversation {
+    part: Partial,
+    busy: bool,
+    /// `CAN` has come, its letter has not.
+    failing: bool,
+}
+
+impl Reader {
+    fn hear(&mut self, heard: &Heard, role: Role) {
+        match role {
+            Role::Frames => self.hear_pc(heard),
+            Role::Replies => self.hear_reply(heard),
+            Role::Parts(slave) => self.hear_part(heard, slave),
+            Role::Answers(slave) => self.hear_answer(heard, slave),
+            Role::Unknown => {}
+        }
+    }
+
+    fn tell(&mut self, at: Instant, line: LineId, text: String, flaw: bool) {
+        self.messages.push(Message { at, line, text, flaw });
+    }
+
+    fn hear_pc(&mut self, heard: &Heard) {
+        let silent_since = self.frame.last.max(self.resumed.min(heard.at));
+        if heard.at.since(silent_since) > FRAME_GAP + CHARACTER {
+            self.cut_frame_short();
+            self.discarding = false;
+        }
+        self.frame.line = heard.line;
+        self.frame.last = heard.at;
+        let Some(byte) = heard.character.ok() else {
+            self.frame.bytes.clear();
+            self.discarding = true;
+            return;
+        };
+        if self.discarding {
+            return;
+        }
+        self.frame.bytes.push(byte);
+        if let Ok(bytes) = <[u8; 8]>::try_from(self.frame.bytes.as_slice()) {
+            self.frame.bytes.clear();
+            let (text, flaw) = match Frame::parse(bytes) {
+                Ok(frame) => (format!("frame: {}", frame_text(&frame)), false),
+                Err(refusal) => (format!("frame out of range ({refusal}): {}", hex(&bytes)), true),
+            };
+            self.tell(heard.at, heard.line, text, flaw);
+        }
+    }
+
+    fn cut_frame_short(&mut self) {
+        let Partial { line, bytes, last } = core::mem::take(&mut self.frame);
+        if !bytes.is_empty() {
+            self.tell(last, line, format!("frame cut short after {} of 8 bytes", bytes.len()), true);
+        }
+    }
+
+    fn hear_reply(&mut self, heard: &Heard) {
+        let Some(byte) = heard.character.ok() else { return };
+        for reply in self.replies.push(byte) {
+            let (text, flaw) = match reply {
+                Reply::Ack => ("ACK: the frame has been distributed".to_owned(), false),
+                Reply::Xoff => ("XOFF: a frame is held".to_owned(), false),
+                Reply::Xon => ("XON: all slaves are done".to_owned(), false),
+                Reply::Nak(refusal) => (format!("NAK: a frame is refused ({refusal})"), true),
+                Reply::Can(slave, fault) => (format!("CAN: {} failed ({fault})", slave.name()), true),
+                Reply::Unknown(byte) => (format!("{byte:02X} is no reply"), true),
+            };
+            match reply {
+                Reply::Xon => self.resumed = heard.at,
+                // The rest of what the PC says is thrown away until it has been silent.
+                Reply::Can(..) | Reply::Nak(Refusal::LineError) => {
+                    self.frame.bytes.clear();
+                    self.discarding = true;
+                }
+                _ => {}
+            }
+            self.tell(heard.at, heard.line, text, flaw);
+        }
+    }
+
+    fn hear_part(&mut self, heard: &Heard, slave: Slave) {
+        let length = part_length(slave);
+        let conversation = &self.slaves[slave as usize];
+        if heard.at.since(conversation.part.last) > PART_GAP {
+            self.end_part(slave);
+        }
+        let conversation = &mut self.slaves[slave as usize];
+        conversation.part.line = heard.line;
+        conversation.part.last = heard.at;
+        let Some(byte) = heard.character.ok() else {
+            conversation.part.bytes.clear();
+            return;
+        };
+        if byte == ENQ && (length == 1 || conversation.busy) {
+            self.tell(heard.at, heard.line, "ENQ: how is it going?".to_owned(), false);
+            return;
+        }
+        conversation.part.bytes.push(byte);
+        if conversation.part.bytes.len() == length {
+            let bytes = core::mem::take(&mut conversation.part.bytes);
+            conversation.busy = true;
+            let (text, flaw) = part_text(slave, &bytes);
+            self.tell(heard.at, heard.line, text, flaw);
+        }
+    }
+
+    /// The slave's line has been silent: what has come of a part is all.
+    fn end_part(&mut self, slave: Slave) {
+        let Partial { line, bytes, last } = core::mem::take(&mut self.slaves[slave as usize].part);
+        match bytes[..] {
+            [] => {}
+            [ENQ] => self.tell(last, line, "ENQ: how is it going?".to_owned(), false),
+            _ => {
+                let (count, length) = (bytes.len(), part_length(slave));
+                self.tell(last, line, format!("part cut short after {count} of {length} bytes"), true);
+            }
+        }
+    }
+
+    fn hear_answer(&mut self, heard: &Heard, slave: Slave) {
+        if self.slaves[slave as usize].part.bytes == [ENQ] {
+            self.end_part(slave);
+        }
+        let conversation = &mut self.slaves[slave as usize];
+        let failing = core::mem::take(&mut conversation.failing);
+        let Some(byte) = heard.character.ok() else { return };
+        let (text, flaw) = match (failing, byte) {
+            (true, letter) if let Some(fault) = Fault::from_letter(letter) => (format!("CAN: failed ({fault})"), true),
+            (_, ACK) => ("ACK: done".to_owned(), false),
+            (_, BEL) => ("BEL: busy".to_owned(), false),
+            (_, CAN) => {
+                conversation.failing = true;
+                return;
+            }
+            (_, byte) => (format!("{byte:02X} is no answer"), true),
+        };
+        conversation.busy &= byte == BEL;
+        self.tell(heard.at, heard.line, text, flaw);
+    }
+
+    fn end(&mut self) {
+        self.cut_frame_short();
+        Slave::ALL.into_iter().for_each(|slave| self.end_part(slave));
+    }
+}
+
+const fn part_length(slave: Slave) -> usize {
+    match slave {
+        Slave::Spindle => SpindlePart::LENGTH,
+        Slave::Transverse => TransversePart::LENGTH,
+        Slave::Depth => DepthPart::LENGTH,
+    }
+}
+
+fn part_text(slave: Slave, bytes: &[u8]) -> (String, bool) {
+    let text = match (slave, bytes) {
+        (Slave::Spindle, [a]) => SpindlePart::parse([*a]).map(spindle_text),
+        (Slave::Transverse, [a, b, c, d]) => TransversePart::parse([*a, *b, *c, *d]).map(transverse_text),
+        (Slave::Depth, [a, b, c]) => DepthPart::parse([*a, *b, *c]).map(depth_text),
+        _ => Err(Refusal::CutShort),
+    };
+    match text {
+        Ok(text) => (format!("part: {text}"), false),
+        Err(refusal) => (format!("part out of range ({refusal}): {}", hex(bytes)), true),
+    }
+}
+
+fn frame_text(frame: &Frame) -> String {
+    format!("{}, {}, {}", spindle_text(frame.spindle), transverse_text(frame.transverse), depth_text(frame.depth))
+}
+
+fn spindle_text(part: SpindlePart) -> String {
+    format!("spindle {} rpm", part.rpm())
+}
+
+fn transverse_text(part: TransversePart) -> String {
+    match i64::from(part.distance()) * part.direction().sign() {
+        0 => "transverse stays".to_owned(),
+        counts => format!("transverse {counts:+} counts at {} per 30 ms", part.speed()),
+    }
+}
+
+fn depth_text(part: DepthPart) -> String {
+    match i64::from(part.distance()) * part.direction().sign() {
+        0 => "depth stays".to_owned(),
+        slots => format!("depth {slots:+} slots"),
+    }
+}
+
+/// Bytes as two digits each.
+pub(super) fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02X}")).collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use torno_protocol::uart::Character;
+
+    use super::*;
+    use crate::rig::file::RigFile;
+    use crate::trace::Header;
+
+    /// What is said by characters on lines, a character time apart; `None` is a silence of 60 ms.
+    fn said(characters: &[Option<(&str, u8)>]) -> Vec<String> {
+        let header = Header::new(&RigFile::load("lathe").unwrap(), "lathe", 0, None);
+        let trace = Trace::new(header);
+        let mut at = Instant::START;
+        let mut heard = Vec::new();
+        for character in characters {
+            at += if character.is_some() { CHARACTER } else { Span::from_millis(60) };
+            if let Some((line, byte)) = character {
+                let line = trace.line(line).unwrap();
+                heard.push(Heard { at, line, character: Character::good(*byte) });
+            }
+        }
+        messages(&trace, &heard).into_iter().map(|message| message.text).collect()
+    }
+
+    fn on<'a>(line: &'a str, bytes: &[u8]) -> Vec<Option<(&'a str, u8)>> {
+        bytes.iter().map(|byte| Some((line, *byte))).collect()
+    }
+
+    #[test]
+    fn silence_in_mid_frame_cuts_it_short_unless_the_pc_is_held() {
+        let part = on("pc_to_master", &[0x0a, 0xe1, 0x00]);
+        let rest = on("pc_to_master", &[0xe1, 0x01, 0x00, 0x01, 0x00]);
+        let frame = "frame: spindle 200 rpm, transverse -225 counts at 225 per 30 ms, depth +1 slots";
+        assert_eq!(said(&[&part[..], &rest].concat()), [frame]);
+        let cut = said(&[&part[..], &[None], &rest].concat());
+        assert_eq!(cut, ["frame cut short after 3 of 8 bytes", "frame cut short after 5 of 8 bytes"]);
+        let held = said(&[&part[..], &[None], &on("master_to_pc", &[0x11]), &rest].concat());
+        assert_eq!(held, ["XON: all slaves are done", frame]);
+    }
+
+    #[test]
+    fn a_part_may_begin_with_the_byte_of_an_enquiry() {
+        let line = "master_to_transverse";
+        let part = said(&[&on(line, &[ENQ, 0, 9, 1])[..], &[None], &on(line, &[ENQ])].concat());
+        assert_eq!(part, ["part: transverse -9 counts at 5 per 30 ms", "ENQ: how is it going?"]);
+        let idle = said(&[&on(line, &[ENQ])[..], &[None], &on(line, &[5, 0, 9, 0])].concat());
+        assert_eq!(idle, ["ENQ: how is it going?", "part: transverse +9 counts at 5 per 30 ms"]);
+        let answers = said(&on("transverse_to_master", &[BEL, CAN, b'e', ACK, b'x']));
+        assert_eq!(answers, ["BEL: busy", "CAN: failed (end of travel)", "ACK: done", "78 is no answer"]);
+    }
+
+    #[test]
+    fn what_comes_after_a_failure_is_no_frame_until_the_pc_has_been_silent() {
+        let frame = on("pc_to_master", &[0; 8]);
+        let failure = on("master_to_pc", b"\x18dn");
+        let said = said(&[&failure[..], &frame, &[None], &frame].concat());
+        assert_eq!(said, ["CAN: depth failed (no answer)", "frame: spindle 0 rpm, transverse stays, depth stays"]);
+    }
+}
