@@ -437,3 +437,111 @@ fn cuts_and_stimuli_are_repeated_with_the_same_digest() {
         assert!(shown.contains(expected), "{shown}");
     }
 }
+
+/// Faults at instants, in steps, by what is seen and by what is heard; on lines and boards. Its last step fails.
+const SCENARIO: &str = r#"
+name = "everything at once"
+rig = "lathe"
+seed = 7
+
+[[fault]]
+name = "noise"
+line = "spindle_to_master"
+kind = "noise"
+period = "2ms"
+width = "60us"
+at = "30ms"
+for = "200ms"
+
+[[fault]]
+name = "flip"
+line = "pc_to_master"
+kind = "flip"
+nth = 11
+value = 3
+
+[[fault]]
+name = "stall"
+board = "depth"
+kind = "stall"
+for = "300ms"
+when = { board = "depth", quantity = "position_counts", at_least = 1 }
+
+[[fault]]
+name = "slow"
+board = "master"
+kind = "slow"
+value = "300us"
+when = { line = "pc_to_master", character = 4 }
+for = "2s"
+
+[[step]]
+does = "sends a frame"
+send = ["0A E1 00 E1 00 00 03 00"]
+
+[[step]]
+does = "awaits the reply"
+wait = { reply = "ACK", within = "1s" }
+
+[[step]]
+does = "breaks the cable"
+break = { name = "short", line = "depth_to_master", kind = "short", with = "transverse_to_master" }
+
+[[step]]
+does = "sends another"
+send = ["0A E1 00 E1 00 00 01 00"]
+
+[[step]]
+does = "lets time pass"
+run = "150ms"
+
+[[step]]
+does = "mends the cable"
+heal = "short"
+
+[[step]]
+does = "lets time pass"
+run = "900ms"
+
+[[step]]
+does = "looks"
+check = { board = "depth", quantity = "position_counts", equals = -99 }
+"#;
+
+#[test]
+fn a_scenario_is_repeated_with_the_same_digest() {
+    let folder = folder();
+    let (path, trace) = (folder.path().join("all.toml"), folder.path().join("test.trace"));
+    fs::write(&path, SCENARIO).unwrap();
+    for driver in [&[][..], &["--processes"]] {
+        let tested = json(&on(1, &[&["test", "--json", word(&path), "--record", word(&trace)], driver].concat()));
+        repeats(&trace);
+        let shown = stdout(&on(0, &["replay", word(&trace)]));
+        assert!(shown.contains(tested["digest"].as_str().unwrap()), "{shown}\n{tested}");
+        let shown = stdout(&on(0, &["trace", word(&trace), "--kind", "inputs"]));
+        for expected in [
+            "spindle_to_master      < fault ",
+            "noise, a pulse of up to ",
+            "pc_to_master           < fault ",
+            "character 11 from here has bit 3 flipped",
+            "depth                  < shaft blocked",
+            "depth                  < shaft free",
+            "master                 < takes ",
+            "master                 < is slow no more",
+            "touches transverse_to_master",
+            " ends\n",
+        ] {
+            assert!(shown.contains(expected), "lacks {expected}:\n{shown}");
+        }
+    }
+}
+
+#[test]
+fn one_scenario_is_recorded_and_no_more() {
+    let folder = folder();
+    let (path, trace) = (folder.path().join("all.toml"), folder.path().join("test.trace"));
+    fs::write(&path, SCENARIO).unwrap();
+    let output = on(2, &["test", word(&path), word(&path), "--record", word(&trace)]);
+    assert!(complaint(&output).contains("--record: expected one scenario, found 2"), "{}", complaint(&output));
+    assert!(!trace.exists());
+}

@@ -1,15 +1,16 @@
 //! `torno test`
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::Context;
 use torno::observe::log;
 use torno::report::{Bar, TestReport};
 use torno::rig::RigError;
-use torno::scenario::{Scenario, run_all};
+use torno::scenario::{Scenario, run_all, run_recorded};
+use torno::trace::{Header, Recorder};
 
-use super::{FAILED, colour, driver, print};
+use super::{FAILED, colour, driver, print, start_recording};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -25,6 +26,10 @@ pub(super) struct Arguments {
     /// Runs each board in a process of its own: slower, and the same result
     #[arg(long)]
     processes: bool,
+    /// Records everything that happens, for 'torno trace', 'torno replay' and 'torno diff'; overwrites a trace. For one
+    /// scenario
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
     /// Writes the results as JUnit XML
     #[arg(long, value_name = "FILE")]
     junit: Option<PathBuf>,
@@ -42,9 +47,13 @@ impl Arguments {
             scenarios.push((path.display().to_string(), scenario));
         }
         let driver = driver(!self.processes)?;
+        let recorder = self.record.as_deref().map(|path| recorder(path, &scenarios)).transpose()?;
         let jobs = self.jobs.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
         let bar = Bar::of_scenarios(scenarios.len());
-        let tested = run_all(&scenarios, &driver, jobs, |done| bar.count(done));
+        let tested = match (&scenarios[..], recorder) {
+            ([(path, scenario)], Some(recorder)) => vec![run_recorded(path, scenario, &driver, recorder)],
+            _ => run_all(&scenarios, &driver, jobs, |done| bar.count(done)),
+        };
         bar.clear();
         let report = TestReport::new(tested.into_iter().collect::<Result<Vec<_>, RigError>>()?);
         if let Some(path) = &self.junit {
@@ -53,6 +62,14 @@ impl Arguments {
         print(&if self.json { report.json()? } else { report.text(colour()) })?;
         Ok(if report.passed() { ExitCode::SUCCESS } else { ExitCode::from(FAILED) })
     }
+}
+
+/// A recording of the one scenario.
+fn recorder(path: &Path, scenarios: &[(String, Scenario)]) -> anyhow::Result<Recorder> {
+    let [(_, Scenario { file, rig, seed, .. })] = scenarios else {
+        anyhow::bail!("--record: expected one scenario, found {}", scenarios.len());
+    };
+    start_recording(path, &Header::new(file, rig, *seed, None))
 }
 
 /// The files themselves, and those in folders, by name.

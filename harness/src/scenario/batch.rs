@@ -4,9 +4,10 @@ use std::sync::Mutex;
 use std::sync::PoisonError;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use super::{Scenario, run};
+use super::{Scenario, record};
 use crate::report::Tested;
 use crate::rig::{Driver, RigError};
+use crate::trace::Recorder;
 
 /// Runs all, `jobs` at once; `done` hears how many are. The results are in the order of the scenarios, which come with
 /// their files' names.
@@ -24,7 +25,7 @@ pub fn run_all(
                 loop {
                     let place = next.fetch_add(1, Ordering::Relaxed);
                     let Some((path, scenario)) = scenarios.get(place) else { break };
-                    let tested = run_one(path, scenario, driver);
+                    let tested = run_one(path, scenario, driver, None);
                     let mut results = results.lock().unwrap_or_else(PoisonError::into_inner);
                     results.push((place, tested));
                     done(results.len());
@@ -37,11 +38,21 @@ pub fn run_all(
     results.into_iter().map(|(_, tested)| tested).collect()
 }
 
+/// Runs one, and records it.
+///
+/// # Errors
+/// [`RigError`] if the rig itself breaks, or the recording cannot go on.
+pub fn run_recorded(path: &str, scenario: &Scenario, driver: &Driver, recorder: Recorder) -> Result<Tested, RigError> {
+    let run = || run_one(path, scenario, driver, Some(recorder));
+    // In a thread of its own, as all: whoever asks may be in a runtime.
+    std::thread::scope(|scope| scope.spawn(run).join()).unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+}
+
 #[expect(clippy::disallowed_methods, reason = "how long a scenario takes is told beside its result")]
-fn run_one(path: &str, scenario: &Scenario, driver: &Driver) -> Result<Tested, RigError> {
+fn run_one(path: &str, scenario: &Scenario, driver: &Driver, recorder: Option<Recorder>) -> Result<Tested, RigError> {
     let started = std::time::Instant::now();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let outcome = runtime.block_on(run(scenario, driver))?;
+    let outcome = runtime.block_on(record(scenario, driver, recorder))?;
     let (path, name, seed) = (path.to_owned(), scenario.name.clone(), scenario.seed);
     Ok(Tested { path, name, seed, outcome, wall: started.elapsed() })
 }

@@ -12,6 +12,7 @@ use crate::fault::{Broken, Fault};
 use crate::observe::{Digest, Sum};
 use crate::pc::{PcEvent, PcUart, RECEIVED};
 use crate::rig::{Driver, Rig, RigError};
+use crate::trace::{self, Recorder};
 
 /// The first step takes place so long after the rig has started.
 const BEGIN: Span = Span::from_millis(10);
@@ -36,10 +37,18 @@ pub struct Outcome {
 /// # Errors
 /// [`RigError`] if the rig itself breaks.
 pub async fn run(scenario: &Scenario, driver: &Driver) -> Result<Outcome, RigError> {
+    record(scenario, driver, None).await
+}
+
+/// The same, and records it.
+///
+/// # Errors
+/// [`RigError`] if the rig itself breaks, or the recording cannot go on.
+pub async fn record(scenario: &Scenario, driver: &Driver, recorder: Option<Recorder>) -> Result<Outcome, RigError> {
     let pc = &scenario.file.pc;
     let uart = PcUart::new(pc.baud, pc.tx_fifo, pc.clock);
     let rig = Rig::start(&scenario.file, driver, uart).await?;
-    let mut conductor = Conductor::new(scenario, rig);
+    let mut conductor = Conductor::new(scenario, rig, recorder);
     conductor.begin();
     for (number, step) in scenario.steps.iter().enumerate() {
         if let Err(failure) = conductor.step(number, step).await? {
@@ -53,6 +62,7 @@ pub async fn run(scenario: &Scenario, driver: &Driver) -> Result<Outcome, RigErr
 struct Conductor<'a> {
     scenario: &'a Scenario,
     rig: Rig,
+    recorder: Option<Recorder>,
     digest: Digest,
     /// The last value of each quantity of each board.
     values: Vec<Vec<i64>>,
@@ -75,13 +85,14 @@ struct Conductor<'a> {
 type Stepped = Result<Result<(), Box<Failure>>, RigError>;
 
 impl<'a> Conductor<'a> {
-    fn new(scenario: &'a Scenario, rig: Rig) -> Self {
+    fn new(scenario: &'a Scenario, rig: Rig, recorder: Option<Recorder>) -> Self {
         let initial = |node: &crate::rig::Node| node.description.signals.iter().map(|signal| signal.initial).collect();
         Self {
             scenario,
             digest: Digest::new(&rig),
             values: rig.nodes().iter().map(initial).collect(),
             rig,
+            recorder,
             decoder: ReplyDecoder::default(),
             replies: Vec::new(),
             sending: Vec::new(),
@@ -219,7 +230,7 @@ impl<'a> Conductor<'a> {
         loop {
             let worse = self.broken.values().filter_map(Broken::next).filter(|next| *next < until).min();
             let more = self.rig.step(Limit::until(worse.unwrap_or(until))).await?;
-            self.note_facts();
+            self.note_facts()?;
             let hits = self.rig.take_hits();
             if hits.is_empty() && !more {
                 let Some(worse) = worse else { return Ok(None) };
@@ -275,13 +286,16 @@ impl<'a> Conductor<'a> {
     /// Brings every board's quantities up to `at`, mute or not.
     async fn catch_up(&mut self, at: Instant) -> Result<(), RigError> {
         self.advance(at, None).await?;
-        self.rig.catch_up(at).await?;
-        self.note_facts();
-        Ok(())
+        self.rig.settle(at).await?;
+        self.note_facts()
     }
 
-    fn note_facts(&mut self) {
-        for fact in self.rig.take_facts() {
+    fn note_facts(&mut self) -> Result<(), RigError> {
+        let (inputs, facts) = (self.rig.take_inputs(), self.rig.take_facts());
+        if let Some(recorder) = &mut self.recorder {
+            recorder.note(&inputs, &facts, self.rig.engine().frontier())?;
+        }
+        for fact in facts {
             self.digest.add(&fact);
             match fact {
                 Fact::Telemetry { node, at, signal, value } => {
@@ -307,6 +321,7 @@ impl<'a> Conductor<'a> {
                 Fact::Edges { .. } => {}
             }
         }
+        Ok(())
     }
 
     fn note_pc(&mut self, at: Instant, event: Option<PcEvent>) {
@@ -402,8 +417,14 @@ impl<'a> Conductor<'a> {
         if passed {
             self.check_end();
         }
+        let digest = self.digest.sum();
+        if let Some(recorder) = &mut self.recorder {
+            let outcome = if self.failures.is_empty() { "passed" } else { "failed" };
+            let at = end - Span::from_nanos(1);
+            recorder.finish(&trace::End { digest: digest.to_string(), at, outcome: outcome.to_owned() })?;
+        }
         let replies = self.replies.into_iter().map(|(_, reply)| reply).collect();
-        Ok(Outcome { failures: self.failures, digest: self.digest.sum(), end, replies })
+        Ok(Outcome { failures: self.failures, digest, end, replies })
     }
 
     /// Lets everything happen until the rig is quiet, but nothing after `limit`. Says when that is.

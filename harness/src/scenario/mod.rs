@@ -9,8 +9,8 @@ mod conductor;
 mod failure;
 mod file;
 
-pub use batch::run_all;
-pub use conductor::{Outcome, run};
+pub use batch::{run_all, run_recorded};
+pub use conductor::{Outcome, record, run};
 pub use failure::Failure;
 pub(crate) use file::RawCondition;
 pub use file::ScenarioError;
