@@ -142,6 +142,8 @@ pub(super) struct Wire {
     sure: Level,
     /// What can no longer be withdrawn lies before this instant.
     taken: Instant,
+    /// Where it was disturbed last: what was driven before this has been handed on, or has not got through.
+    sound_from: Instant,
     /// Faults that have met their character, since they were asked for.
     fired: Vec<FaultId>,
 }
@@ -169,6 +171,7 @@ impl Wire {
             unsure: Vec::new(),
             sure: Level::High,
             taken: Instant::START,
+            sound_from: Instant::START,
             fired: Vec::new(),
         }
     }
@@ -259,7 +262,7 @@ impl Wire {
         match self.passed {
             Some(_) => None,
             None => {
-                self.passed = Some(self.told.at.min(now));
+                self.passed = Some(self.told.at.max(self.sound_from).min(now));
                 self.untell(now)
             }
         }
@@ -424,13 +427,14 @@ impl Wire {
             && self.contacts.is_empty()
             && self.driven.falling_from(passed).or(self.driven.rising_from(passed)).is_none();
         if sound {
+            self.sound_from = passed;
             self.passed = None;
         }
     }
 
     /// Before this instant nothing of it changes any more, however far its sender is settled.
     pub(super) fn settled(&self) -> Instant {
-        self.passed.unwrap_or_default().max(self.taken)
+        self.passed.unwrap_or(self.sound_from).max(self.taken)
     }
 
     /// What the sender drives at `at`, and its first change from then on.

@@ -324,4 +324,21 @@ mod tests {
             prop_assert_eq!(again.trace.inputs.len(), trace.inputs.len());
         }
     }
+
+    /// What did not get through a fault on a line does not come when the next one begins.
+    #[test]
+    fn a_second_cut_does_not_bring_back_what_the_first_has_swallowed() {
+        let deeds = [
+            (143_206, 0, Ok(Stimulus::Stall(false))),
+            (60_910, 0, Err(Disturbance::Stuck(Level::High))),
+            (217_854, 0, Ok(Stimulus::Stall(false))),
+            (1_869, 0, Err(Disturbance::Cut)),
+            (838, 0, Ok(Stimulus::Write(vec![10, 225, 0, 225, 0, 0, 1, 0]))),
+            (59_334, 0, Ok(Stimulus::Reset)),
+            (0, 0, Err(Disturbance::Cut)),
+        ];
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        let (trace, digest) = runtime.block_on(disturbed(&deeds));
+        assert_eq!(runtime.block_on(replay(&trace, &Driver::InProcess)).unwrap().digest, digest);
+    }
 }
