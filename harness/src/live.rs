@@ -198,11 +198,12 @@ impl Live {
         if self.queued > DRIVER_LOW { 0 } else { DRIVER_QUEUE - self.queued }
     }
 
-    /// Takes what has come from the client meanwhile: it follows on what came before.
+    /// Takes what has come from the client meanwhile. It follows on what came before, if that is not all sent yet.
     fn take_waiting(&mut self) -> Result<bool, LiveError> {
         let mut took = false;
         while let Some(event) = self.port.try_event(self.room())? {
-            self.take(event, self.now())?;
+            let at = if self.queued > 0 { self.now() } else { self.brake.now().unwrap_or(self.now()) };
+            self.take(event, at)?;
             took = true;
         }
         Ok(took)
