@@ -352,7 +352,7 @@ fn faults() -> impl Strategy<Value = Vec<Fault>> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(1_500))]
+    #![proptest_config(ProptestConfig::with_cases(150))]
 
     #[test]
     fn however_time_is_cut_faults_and_reactions_are_the_same(
