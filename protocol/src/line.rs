@@ -100,6 +100,11 @@ impl Waveform {
         self.edges.len()
     }
 
+    /// The instant of the last known edge.
+    pub fn last_at(&self) -> Option<Instant> {
+        self.edges.last().map(|edge| edge.at)
+    }
+
     /// The level after the last known edge.
     pub fn last_level(&self) -> Level {
         self.edges.last().map_or(self.before, |edge| edge.level)

@@ -524,6 +524,21 @@ fn a_stopped_board_goes_on_as_a_hung_one_however_much_it_has_missed() {
     assert_eq!(stepper.turn(&turn).unwrap().outputs, expected);
 }
 
+/// What was taken back at the instant after a start edge, and comes again, is the same start.
+#[test]
+fn a_fault_that_is_asked_for_right_after_a_start_edge_is_the_same_as_one_that_was_known() {
+    let ns = Instant::from_nanos;
+    let quiet = Chatterbox::new(-3_658_525, true, Span::ZERO, None);
+    let speaks = Chatterbox::new(4_862_520, true, Span::ZERO, Some(Span::from_micros(474_433)));
+    let (asked, from) = (ns(788_737_210), ns(788_795_582));
+    let fault = Fault { line: 1, asked, from, until: None, what: Disturbance::Cut };
+    let late = Ring { boards: vec![quiet, speaks], stimuli: vec![], faults: vec![fault], reacts: Some((0, 1)) };
+    let mut early = late.clone();
+    early.faults[0].asked = Instant::START;
+    let until = ns(3_500_000_000);
+    assert_eq!(early.run(&[], until), late.run(&[], until));
+}
+
 #[test]
 fn a_cut_line_carries_nothing_more() {
     let chatterbox = |period| Chatterbox::new(0, false, Span::ZERO, period);

@@ -145,7 +145,10 @@ impl Receiver {
     pub fn hear(&mut self, edges: &[Edge]) {
         let Some(first) = edges.first() else { return };
         self.forget_tunings(first.at);
-        self.forget_before(first.at);
+        // An edge at the instant of a cut can undo it: what lay before still counts then.
+        if self.line.last_at() != Some(first.at) {
+            self.forget_before(first.at);
+        }
         self.reconsider(first.at);
         edges.iter().for_each(|edge| self.line.push(*edge));
         self.follow_up();
