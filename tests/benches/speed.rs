@@ -86,10 +86,10 @@ fn runs(n: usize) {
     fs::write(&long, fs::read_to_string(demonstration).unwrap().repeat(10)).unwrap();
     let long = long.to_str().unwrap();
     let kinds: [Kind<'_>; 4] = [
-        ("run, five processes", "1000x", vec![]),
-        ("run, in process", "", vec!["--in-process"]),
-        ("run, ten times the program, processes", "1000x", vec![long]),
-        ("run, ten times the program, in process", "", vec!["--in-process", long]),
+        ("run, five processes", "5000x", vec![]),
+        ("run, in process", "40000x", vec!["--in-process"]),
+        ("run, ten times the program, processes", "8000x", vec![long]),
+        ("run, ten times the program, in process", "40000x", vec!["--in-process", long]),
     ];
     let mut walls = kinds.each_ref().map(|_| Vec::new());
     let mut virtual_s = [0.0; 4];
