@@ -4,24 +4,12 @@
 
 mod common;
 
-use common::{Bench, s};
+use common::{Bench, depth, s, spindle, transverse};
 use torno_protocol::board::{Board, Output, Stimulus};
 use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{ACK, CAN, ENQ};
 use torno_protocol::time::Span;
-use torno_slaves::{Depth, DepthSettings, Spindle, SpindleSettings, Transverse, TransverseSettings};
-
-fn spindle() -> Bench<Spindle> {
-    Bench::new(Spindle::new(&SpindleSettings::default(), Clock::TRUE))
-}
-
-fn transverse() -> Bench<Transverse> {
-    Bench::new(Transverse::new(&TransverseSettings::default(), Clock::TRUE))
-}
-
-fn depth() -> Bench<Depth> {
-    Bench::new(Depth::new(&DepthSettings::default(), Clock::TRUE))
-}
+use torno_slaves::{Spindle, SpindleSettings};
 
 /// Speed, distance and direction as the transverse axis gets them.
 fn way(distance: i32) -> [u8; 4] {

@@ -6,6 +6,7 @@
 mod file;
 mod quantity;
 
+pub(crate) use file::span;
 pub use file::{BOARD_KINDS, LINE_KINDS, Names, RawFault};
 pub use quantity::{Ratio, parse_ratio, parse_span};
 

@@ -8,7 +8,7 @@ use torno_protocol::lathe::Program;
 use torno_protocol::time::{Instant, Span};
 
 use super::{Action, Claim, Condition, PATIENCE, Scenario, Step, Trigger};
-use crate::fault::{Fault, Names, RawFault, parse_span};
+use crate::fault::{Fault, Names, RawFault, span};
 use crate::rig::file::{RigFile, RigFileError};
 use crate::text::{self, Complaint, Invalid, TextError, nearest};
 
@@ -197,10 +197,6 @@ pub(super) fn words(text: &str) -> Vec<String> {
         }
     }
     replies
-}
-
-fn span(text: &Spanned<String>) -> Result<Span, Complaint> {
-    parse_span(text.get_ref()).map_err(|message| (text.span(), message))
 }
 
 impl RawStep {

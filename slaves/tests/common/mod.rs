@@ -8,6 +8,7 @@ use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{CHARACTER, RATE};
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::{Character, Receiver};
+use torno_slaves::{Depth, DepthSettings, Spindle, SpindleSettings, Transverse, TransverseSettings};
 
 #[derive(Clone)]
 pub(crate) struct Bench<B> {
@@ -119,4 +120,16 @@ impl<B: Board> Bench<B> {
 
 pub(crate) const fn s(seconds: u64) -> u64 {
     1_000 * seconds
+}
+
+pub(crate) fn spindle() -> Bench<Spindle> {
+    Bench::new(Spindle::new(&SpindleSettings::default(), Clock::TRUE))
+}
+
+pub(crate) fn transverse() -> Bench<Transverse> {
+    Bench::new(Transverse::new(&TransverseSettings::default(), Clock::TRUE))
+}
+
+pub(crate) fn depth() -> Bench<Depth> {
+    Bench::new(Depth::new(&DepthSettings::default(), Clock::TRUE))
 }
