@@ -70,15 +70,7 @@ impl Names {
         let pc = torno_protocol::board::Board::description(&pc);
         let described = || file.boards.iter().map(|board| &board.description).chain([&pc]);
         let boards: Vec<String> = file.boards.iter().map(|board| board.name.clone()).chain(["pc".to_owned()]).collect();
-        let mut lines = Vec::new();
-        let mut senders = Vec::new();
-        let pc_end = (file.boards.len(), 0);
-        for [a, b] in [[pc_end, file.pc.to]].iter().chain(&file.links) {
-            for (from, to) in [(a, b), (b, a)] {
-                lines.push(format!("{}_to_{}", boards[from.0], boards[to.0]));
-                senders.push(*from);
-            }
-        }
+        let (lines, senders) = file.lines().into_iter().map(|line| (line.name, line.from)).unzip();
         Self {
             signals: described().map(|d| d.signals.iter().map(|signal| signal.name.clone()).collect()).collect(),
             events: described().map(|d| d.events.clone()).collect(),

@@ -1,6 +1,5 @@
 //! The rig file: which boards and links make a rig (TOML).
 
-use std::ops::Range;
 use std::path::Path;
 
 use serde::Deserialize;
@@ -13,7 +12,7 @@ use torno_protocol::time::Span;
 use torno_protocol::uart::BITS_PER_CHARACTER;
 
 use super::kinds::{self, KindError};
-use crate::text::{self, TextError};
+use crate::text::{self, Complaint, Invalid, TextError};
 
 /// The rigs that are built in: name and text.
 const BUILT_IN: [(&str, &str); 1] = [("lathe", include_str!("../../builtin/lathe.toml"))];
@@ -65,6 +64,17 @@ pub struct Board {
     pub description: Description,
 }
 
+/// A line of the rig: one direction of a link. Its ends are a board's place in [`RigFile::boards`] and its port.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Line {
+    /// Its name: `pc_to_master`.
+    pub name: String,
+    /// What sends on it.
+    pub from: (usize, u8),
+    /// What hears it.
+    pub to: (usize, u8),
+}
+
 /// Why a rig cannot be had.
 #[derive(Debug, thiserror::Error)]
 pub enum RigFileError {
@@ -85,17 +95,8 @@ pub enum RigFileError {
         line: usize,
     },
     /// The file is not TOML, or not a rig.
-    #[error("{path}:{line}:{column}: {message}")]
-    Invalid {
-        /// The file.
-        path: String,
-        /// From 1.
-        line: usize,
-        /// From 1.
-        column: usize,
-        /// What was expected, and what was found.
-        message: String,
-    },
+    #[error(transparent)]
+    Invalid(#[from] Invalid),
 }
 
 fn built_in_names() -> String {
@@ -156,9 +157,6 @@ fn default_ppm() -> Spanned<f64> {
     Spanned::new(0..0, 0.0)
 }
 
-/// What is wrong, and where in the text.
-type Complaint = (Range<usize>, String);
-
 impl RigFile {
     /// The rig of that name, or in that file.
     ///
@@ -181,17 +179,20 @@ impl RigFile {
     /// # Errors
     /// [`RigFileError::Invalid`].
     pub fn parse(path: &str, text: &str) -> Result<Self, RigFileError> {
-        let invalid = |(span, message): Complaint| {
-            let before = text.get(..span.start).unwrap_or(text);
-            let line = before.matches('\n').count() + 1;
-            let column = before.rsplit('\n').next().unwrap_or_default().chars().count() + 1;
-            RigFileError::Invalid { path: path.to_owned(), line, column, message }
-        };
+        let invalid = |(span, message): Complaint| Invalid::at(path, text, span, message);
         let of_toml = |error: toml::de::Error| invalid((error.span().unwrap_or(0..0), error.message().to_owned()));
         let table = DeTable::parse(text).map_err(of_toml)?;
         let raw = RawRig::deserialize(toml::Deserializer::from(table.clone())).map_err(of_toml)?;
         let file = Self::check(raw, table.get_ref()).map_err(invalid)?;
         Ok(Self { text: text.to_owned(), ..file })
+    }
+
+    /// Every line, in the order of the engine's numbers. The PC comes after the boards and has one port.
+    pub fn lines(&self) -> Vec<Line> {
+        let name = |place: usize| self.boards.get(place).map_or("pc", |board| board.name.as_str());
+        let links = [[(self.boards.len(), 0), self.pc.to]].into_iter().chain(self.links.iter().copied());
+        let both = links.flat_map(|[a, b]| [(a, b), (b, a)]);
+        both.map(|(from, to)| Line { name: format!("{}_to_{}", name(from.0), name(to.0)), from, to }).collect()
     }
 
     /// Longer than a character takes on any line: two at the slowest speed, as no clock is wrong by half.

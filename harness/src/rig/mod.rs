@@ -214,8 +214,7 @@ impl Rig {
         }
         let pc: Box<dyn Steps> = Box::new(Stepper::new(pc));
         rig.add_node(Node::new("pc", pc.description(), file.pc.clock, Seat::Local(pc)));
-        rig.add_link((rig.pc, 0), file.pc.to);
-        file.links.iter().for_each(|[a, b]| rig.add_link(*a, *b));
+        file.lines().into_iter().for_each(|line| rig.add_line(line));
         rig.greet().await?;
         rig.nodes.iter_mut().for_each(|node| node.bytes.0 = node.bytes().unwrap_or_default());
         let first = rig.engine.catch_up(Instant::START.next());
@@ -228,11 +227,10 @@ impl Rig {
         self.nodes.push(node);
     }
 
-    fn add_link(&mut self, a: (NodeId, u8), b: (NodeId, u8)) {
-        for (from, to) in [(a, b), (b, a)] {
-            self.engine.add_line(End { node: from.0, port: from.1 }, End { node: to.0, port: to.1 });
-            self.lines.push(format!("{}_to_{}", self.nodes[from.0].name, self.nodes[to.0].name));
-        }
+    fn add_line(&mut self, line: file::Line) {
+        let end = |(node, port): (NodeId, u8)| End { node, port };
+        self.engine.add_line(end(line.from), end(line.to));
+        self.lines.push(line.name);
     }
 
     /// Waits until every process has said that it is what it should be.

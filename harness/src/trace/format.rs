@@ -7,7 +7,7 @@ use torno_protocol::time::Instant;
 
 use crate::engine::{Disturbance, Fact};
 use crate::pc::PcUart;
-use crate::rig::file::RigFile;
+use crate::rig::file::{Line, RigFile};
 use crate::rig::{Input, What};
 
 /// The version of the format.
@@ -95,15 +95,8 @@ impl Header {
         let mut boards: Vec<BoardInfo> = file.boards.iter().map(board).collect();
         let pc = PcUart::new(file.pc.baud, file.pc.tx_fifo, file.pc.clock);
         boards.push(BoardInfo { name: "pc".to_owned(), kind: "pc".to_owned(), description: pc.description() });
-        let cable = (file.boards.len(), file.pc.to.0);
-        let links = file.links.iter().map(|[a, b]| (a.0, b.0));
-        let both = std::iter::once(cable).chain(links).flat_map(|(a, b)| [(a, b), (b, a)]);
-        let line = |(from, to): (usize, usize)| LineInfo {
-            name: format!("{}_to_{}", boards[from].name, boards[to].name),
-            from,
-            to,
-        };
-        let lines = both.map(line).collect();
+        let line = |line: Line| LineInfo { name: line.name, from: line.from.0, to: line.to.0 };
+        let lines = file.lines().into_iter().map(line).collect();
         Self {
             torno: env!("CARGO_PKG_VERSION").to_owned(),
             rig: rig.to_owned(),
