@@ -6,6 +6,7 @@
 //! [`trace`] is the record of either.
 
 mod channel;
+pub mod condition;
 pub mod engine;
 pub mod fault;
 pub mod live;

@@ -47,6 +47,11 @@ pub struct Invalid {
     pub message: String,
 }
 
+/// What a TOML parser complains about.
+pub fn of_toml(error: &toml::de::Error) -> Complaint {
+    (error.span().unwrap_or(0..0), error.message().to_owned())
+}
+
 impl Invalid {
     /// A complaint about the place `span` of `text`.
     pub fn at(path: &str, text: &str, span: Range<usize>, message: String) -> Self {

@@ -1,18 +1,19 @@
 //! Faults as files say them: a table with the place, the kind, and what the kind needs.
 
 use std::ops::Range;
+use std::path::Path;
 
 use serde::Deserialize;
 use toml::{Spanned, Value};
 use torno_protocol::clock::Clock;
 use torno_protocol::line::Level;
-use torno_protocol::time::Span;
+use torno_protocol::time::{Instant, Span};
 
-use super::{Ailment, BROWN_OUT, Fault, What, parse_ratio, parse_span};
-use crate::engine::{Disturbance, LineId, NodeId, Tampering};
-use crate::rig::file::RigFile;
-use crate::scenario::RawCondition;
-use crate::text::{Complaint, nearest};
+use super::{Ailment, BROWN_OUT, Fault, Planned, Trigger, What, parse_ratio, parse_span};
+use crate::condition::RawCondition;
+use crate::engine::{Disturbance, Tampering};
+use crate::rig::names::Names;
+use crate::text::{self, Complaint, Invalid, TextError, nearest};
 
 /// What can happen to a line.
 pub const LINE_KINDS: [&str; 9] =
@@ -48,70 +49,6 @@ fn fields_of(kind: &str) -> &'static [&'static str] {
     }
 }
 
-/// The names that a rig gives to its parts.
-#[derive(Clone, Debug)]
-pub struct Names {
-    /// Boards, and last the PC.
-    pub boards: Vec<String>,
-    /// The quantities of each.
-    pub signals: Vec<Vec<String>>,
-    /// The events' texts of each.
-    pub events: Vec<Vec<String>>,
-    /// Lines.
-    pub lines: Vec<String>,
-    /// What sends on each line: the board and its port.
-    pub senders: Vec<(NodeId, u8)>,
-}
-
-impl Names {
-    /// The names in a rig, in the order of the engine's numbers.
-    pub fn of(file: &RigFile) -> Self {
-        let pc = crate::pc::PcUart::new(file.pc.baud, file.pc.tx_fifo, file.pc.clock);
-        let pc = torno_protocol::board::Board::description(&pc);
-        let described = || file.boards.iter().map(|board| &board.description).chain([&pc]);
-        let boards: Vec<String> = file.boards.iter().map(|board| board.name.clone()).chain(["pc".to_owned()]).collect();
-        let (lines, senders) = file.lines().into_iter().map(|line| (line.name, line.from)).unzip();
-        Self {
-            signals: described().map(|d| d.signals.iter().map(|signal| signal.name.clone()).collect()).collect(),
-            events: described().map(|d| d.events.clone()).collect(),
-            boards,
-            lines,
-            senders,
-        }
-    }
-
-    /// The number of a board.
-    ///
-    /// # Errors
-    /// Where, and the nearest known name.
-    pub fn board(&self, name: &Spanned<String>) -> Result<NodeId, Complaint> {
-        find("board", name, &self.boards)
-    }
-
-    /// The number of a line.
-    ///
-    /// # Errors
-    /// Where, and the nearest known name.
-    pub fn line(&self, name: &Spanned<String>) -> Result<LineId, Complaint> {
-        find("line", name, &self.lines)
-    }
-
-    /// The number of a board's quantity.
-    ///
-    /// # Errors
-    /// Where, and the nearest known name.
-    pub fn signal(&self, board: NodeId, name: &Spanned<String>) -> Result<u8, Complaint> {
-        find(&format!("quantity of '{}'", self.boards[board]), name, &self.signals[board]).map(|place| place as u8)
-    }
-}
-
-fn find(what: &str, name: &Spanned<String>, known: &[String]) -> Result<usize, Complaint> {
-    known.iter().position(|other| other == name.get_ref()).ok_or_else(|| {
-        let known: Vec<&str> = known.iter().map(String::as_str).collect();
-        (name.span(), format!("there is no {what} '{}'{}", name.get_ref(), nearest(name.get_ref(), &known)))
-    })
-}
-
 /// A fault as a file says it.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -127,11 +64,70 @@ pub struct RawFault {
     period: Option<Spanned<String>>,
     width: Option<Spanned<String>>,
     r#for: Option<Spanned<String>>,
-    pub(crate) at: Option<Spanned<String>>,
-    pub(crate) when: Option<RawCondition>,
+    at: Option<Spanned<String>>,
+    when: Option<RawCondition>,
+}
+
+/// A file of faults.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawFile {
+    #[serde(default)]
+    seed: u64,
+    #[serde(default)]
+    fault: Vec<RawFault>,
+}
+
+/// Why faults cannot be had from a file.
+#[derive(Debug, thiserror::Error)]
+pub enum FaultFileError {
+    /// The file cannot be read.
+    #[error("{path}: cannot read the faults")]
+    Unreadable {
+        /// The file.
+        path: String,
+        /// Why.
+        source: TextError,
+    },
+    /// They are none.
+    #[error(transparent)]
+    Invalid(#[from] Invalid),
+}
+
+/// Reads a file of faults for a rig with these names.
+///
+/// # Errors
+/// [`FaultFileError`]: where, what was expected, what was found.
+pub fn load(path: &Path, names: &Names) -> Result<Vec<Planned>, FaultFileError> {
+    let name = path.display().to_string();
+    let text = text::read(path).map_err(|source| FaultFileError::Unreadable { path: name.clone(), source })?;
+    let invalid = |(span, message): Complaint| Invalid::at(&name, &text, span, message);
+    let raw: RawFile = toml::from_str(&text).map_err(|error| invalid(text::of_toml(&error)))?;
+    let planned = raw.fault.iter().enumerate().map(|(number, fault)| fault.plan(names, number, raw.seed));
+    Ok(planned.collect::<Result<_, _>>().map_err(invalid)?)
 }
 
 impl RawFault {
+    /// The fault and when it begins: at the start, if nothing is said.
+    ///
+    /// # Errors
+    /// As [`RawFault::check`].
+    pub fn plan(&self, names: &Names, number: usize, seed: u64) -> Result<Planned, Complaint> {
+        let fault = self.check(names, number, seed)?;
+        let trigger = match (&self.at, &self.when) {
+            (Some(at), None) => Trigger::At(Instant::START + span(at)?),
+            (None, Some(when)) => Trigger::When(when.check(names)?),
+            (None, None) => Trigger::At(Instant::START),
+            (Some(at), Some(_)) => return Err((at.span(), "expected either at or when, not both".to_owned())),
+        };
+        Ok(Planned { trigger, fault })
+    }
+
+    /// Where it says when it begins, if it does.
+    pub fn says_when(&self) -> Option<Range<usize>> {
+        self.at.as_ref().map(Spanned::span)
+    }
+
     /// The fault, in a rig with these names. `number` tells it from the others of its file, `seed` is the file's.
     ///
     /// # Errors

@@ -1,13 +1,15 @@
 //! Faults: what can break in a rig, where, when and for how long.
 //!
-//! A [`Fault`] is what breaks; [`Broken`] is one that has begun and can be healed. When it begins is for others to say:
-//! a scenario, a person.
+//! A [`Fault`] is what breaks; a [`Trigger`] says when it begins. [`Faults`] are all those of a running rig: planned,
+//! begun, healed. A scenario, a file or a person says which.
 
+mod faults;
 mod file;
 mod quantity;
 
+pub use faults::{Faults, Planned, Trigger};
 pub(crate) use file::span;
-pub use file::{BOARD_KINDS, LINE_KINDS, Names, RawFault};
+pub use file::{BOARD_KINDS, FaultFileError, LINE_KINDS, RawFault, load};
 pub use quantity::{Ratio, parse_ratio, parse_span};
 
 use torno_protocol::board::Stimulus;
@@ -75,11 +77,13 @@ pub enum Ailment {
 
 /// A fault that has begun.
 #[derive(Clone, Debug)]
-pub struct Broken {
+struct Broken {
     /// When.
-    pub since: Instant,
+    since: Instant,
     /// The fault on the line, if it is one.
-    pub line: Option<FaultId>,
+    line: Option<FaultId>,
+    /// When it ends by itself.
+    until: Instant,
     cure: Vec<(NodeId, Stimulus)>,
     drift: Option<Drift>,
 }
@@ -115,21 +119,26 @@ impl Fault {
         matches!(self.what, What::Line(_, Disturbance::Character { .. }))
     }
 
+    fn until(&self, since: Instant) -> Instant {
+        self.lasts.map_or(Instant::NEVER, |lasts| since + lasts)
+    }
+
     /// Begins at `at`, or as soon after it as nothing settled is touched; ends by itself if it lasts for a time.
-    pub fn begin(&self, rig: &mut Rig, at: Instant) -> Broken {
+    fn begin(&self, rig: &mut Rig, at: Instant) -> Broken {
         match &self.what {
             What::Line(line, disturbance) => {
                 let (fault, since) = rig.disturb(*line, at, disturbance);
-                if let Some(lasts) = self.lasts {
-                    rig.heal(fault, since + lasts);
+                let until = self.until(since);
+                if !until.is_never() {
+                    rig.heal(fault, until);
                 }
-                Broken { since, line: Some(fault), cure: Vec::new(), drift: None }
+                Broken { since, line: Some(fault), until, cure: Vec::new(), drift: None }
             }
             What::Board(node, ailment) => {
                 let usual = rig.nodes()[*node].clock;
                 let (begin, cure) = ailment.stimuli(usual);
                 let since = begin.map_or(at, |stimulus| rig.stimulate(*node, at, stimulus));
-                let until = self.lasts.map_or(Instant::NEVER, |lasts| since + lasts);
+                let until = self.until(since);
                 let drift = match ailment {
                     Ailment::Drift(per_second) => {
                         Some(Drift { node: *node, usual, per_second: *per_second, taken: 0, next: since, until })
@@ -137,9 +146,9 @@ impl Fault {
                     _ => None,
                 };
                 let cure = cure.into_iter().map(|cure| (*node, cure)).collect();
-                let broken = Broken { since, line: None, cure, drift };
-                if let Some(lasts) = self.lasts {
-                    broken.clone().heal(rig, since + lasts);
+                let broken = Broken { since, line: None, until, cure, drift };
+                if !until.is_never() {
+                    broken.clone().heal(rig, until);
                     return Broken { cure: Vec::new(), ..broken };
                 }
                 broken
@@ -150,17 +159,17 @@ impl Fault {
 
 impl Broken {
     /// When [`Broken::go_on`] is due, if the fault gets worse with time.
-    pub fn next(&self) -> Option<Instant> {
+    fn next(&self) -> Option<Instant> {
         self.drift.as_ref().map(|drift| drift.next)
     }
 
     /// Gets worse, once everything before [`Broken::next`] has happened.
-    pub fn go_on(&mut self, rig: &mut Rig) {
+    fn go_on(&mut self, rig: &mut Rig) {
         self.drift = self.drift.take().and_then(|mut drift| drift.step(rig).then_some(drift));
     }
 
     /// Ends at `at`, or as soon after it as nothing settled is touched. Says when.
-    pub fn heal(self, rig: &mut Rig, at: Instant) -> Instant {
+    fn heal(self, rig: &mut Rig, at: Instant) -> Instant {
         let at = match self.line {
             Some(fault) => rig.heal(fault, at),
             None => at,

@@ -4,6 +4,7 @@ mod cost;
 pub mod file;
 mod input;
 pub mod kinds;
+pub mod names;
 mod process;
 
 use std::collections::BTreeMap;

@@ -1,16 +1,17 @@
 //! Takes a rig through a scenario.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::VecDeque;
 
 use torno_protocol::board::{Stimulus, event_text};
-use torno_protocol::lathe::{Frame, Reply, ReplyDecoder};
+use torno_protocol::lathe::Frame;
 use torno_protocol::time::{Instant, Span};
 
-use super::{Action, Claim, Condition, Failure, Scenario, Step, Trigger};
-use crate::engine::{Fact, Hit, Limit, NodeId, REACTION, Sight, Watch, WatchId};
-use crate::fault::{Broken, Fault};
+use super::{Action, Failure, Scenario, Step};
+use crate::condition::{Claim, Condition, is_reply};
+use crate::engine::{Fact, Limit, NodeId, REACTION, WatchId};
+use crate::fault::{Fault, Faults, Trigger};
 use crate::observe::{Digest, Sum};
-use crate::pc::{PcEvent, PcUart, RECEIVED};
+use crate::pc::{PcEvent, PcUart, Replies};
 use crate::rig::{Driver, Rig, RigError};
 use crate::trace::{self, Recorder};
 
@@ -66,18 +67,13 @@ struct Conductor<'a> {
     digest: Digest,
     /// The last value of each quantity of each board.
     values: Vec<Vec<i64>>,
-    decoder: ReplyDecoder,
-    /// What the PC has heard, and when.
-    replies: Vec<(Instant, String)>,
+    /// What the PC has heard.
+    replies: Replies,
     sending: Vec<u8>,
     context: VecDeque<(Instant, String)>,
     /// Everything before this has happened, and the next step takes place here.
     now: Instant,
-    /// Faults that wait for something: which, by what, and how often it must still happen.
-    armed: Vec<(WatchId, usize, u64)>,
-    /// Faults that have begun, and whether they have met what they lay in wait for.
-    broken: BTreeMap<String, Broken>,
-    unfired: Vec<(String, Option<crate::engine::FaultId>)>,
+    faults: Faults,
     failures: Vec<Failure>,
 }
 
@@ -93,14 +89,11 @@ impl<'a> Conductor<'a> {
             values: rig.nodes().iter().map(initial).collect(),
             rig,
             recorder,
-            decoder: ReplyDecoder::default(),
-            replies: Vec::new(),
+            replies: Replies::default(),
             sending: Vec::new(),
             context: VecDeque::new(),
             now: Instant::START + BEGIN,
-            armed: Vec::new(),
-            broken: BTreeMap::new(),
-            unfired: scenario.faults.iter().map(|(_, fault)| (fault.name.clone(), None)).collect(),
+            faults: Faults::default(),
             failures: Vec::new(),
         }
     }
@@ -111,39 +104,17 @@ impl<'a> Conductor<'a> {
         let configure = Stimulus::Configure { baud: self.scenario.file.pc.baud, ixon };
         let pc = self.rig.pc();
         self.rig.stimulate(pc, Instant::START.next(), configure);
-        for (place, (trigger, fault)) in self.scenario.faults.iter().enumerate() {
-            match trigger {
-                Trigger::At(at) => self.break_it(fault, *at),
-                Trigger::When(condition) => {
-                    let watch = self.watch(condition);
-                    self.armed.push((watch, place, occurrences(condition)));
-                }
+        for planned in &self.scenario.faults {
+            self.faults.plan(&mut self.rig, planned);
+            if let Trigger::At(at) = planned.trigger {
+                self.note(at, &format!("fault '{}' begins", planned.fault.name));
             }
         }
     }
 
-    fn watch(&mut self, condition: &Condition) -> WatchId {
-        let watch = match condition {
-            Condition::Reply(_) => Watch { node: self.rig.pc(), what: Sight::Event(RECEIVED) },
-            Condition::Value(Claim { node, signal, least, most, .. }) => {
-                let what = Sight::Telemetry { signal: *signal, least: *least, most: *most };
-                Watch { node: *node, what }
-            }
-            Condition::Event { node, event, .. } => Watch { node: *node, what: Sight::Event(*event) },
-            Condition::Character { node, port, .. } => Watch { node: *node, what: Sight::Character(*port) },
-        };
-        self.rig.watch(watch)
-    }
-
-    fn break_it(&mut self, fault: &Fault, at: Instant) {
-        let broken = fault.begin(&mut self.rig, at);
-        self.note(at, &format!("fault '{}' begins", fault.name));
-        let lies_in_wait = broken.line.filter(|_| fault.lies_in_wait());
-        self.unfired.retain(|(name, _)| *name != fault.name);
-        if lies_in_wait.is_some() {
-            self.unfired.push((fault.name.clone(), lies_in_wait));
-        }
-        self.broken.insert(fault.name.clone(), broken);
+    fn break_it(&mut self, fault: &Fault) {
+        let since = self.faults.begin(&mut self.rig, fault, self.now);
+        self.note(since, &format!("fault '{}' begins", fault.name));
     }
 
     async fn step(&mut self, number: usize, step: &Step) -> Stepped {
@@ -158,13 +129,12 @@ impl<'a> Conductor<'a> {
                 self.now = until;
             }
             Action::Wait(condition, within) => return self.wait(number, step, condition, *within).await,
-            Action::Break(fault) => self.break_it(fault, self.now),
+            Action::Break(fault) => self.break_it(fault),
             Action::Heal(name) => {
-                let Some(broken) = self.broken.remove(name) else {
-                    let came = "it has not begun, or is healed already".to_owned();
-                    return Ok(Err(self.failure(Some((number, step)), &format!("the fault '{name}'"), came, None)));
-                };
-                broken.heal(&mut self.rig, self.now);
+                if let Err(error) = self.faults.heal(&mut self.rig, name, self.now) {
+                    let expected = format!("the fault '{name}'");
+                    return Ok(Err(self.failure(Some((number, step)), &expected, error.to_string(), None)));
+                }
                 self.note(self.now, &format!("fault '{name}' is healed"));
             }
             Action::Check(claim) => {
@@ -185,8 +155,8 @@ impl<'a> Conductor<'a> {
                 return Ok(Ok(()));
             }
         }
-        let heard = self.replies.len();
-        let watch = self.watch(condition);
+        let heard = self.replies.count();
+        let watch = self.rig.watch(condition.watch(self.rig.pc()));
         let happened = self.advance(deadline, Some((watch, condition))).await?;
         self.rig.unwatch(watch);
         match happened {
@@ -197,12 +167,8 @@ impl<'a> Conductor<'a> {
             None => {
                 self.now = deadline;
                 let (came, node) = match condition {
-                    Condition::Reply(_) if self.replies.len() == heard => ("no reply".to_owned(), None),
-                    Condition::Reply(_) => {
-                        let replies: Vec<&str> =
-                            self.replies[heard..].iter().map(|(_, reply)| reply.as_str()).collect();
-                        (replies.join(" "), None)
-                    }
+                    Condition::Reply(_) if self.replies.count() == heard => ("no reply".to_owned(), None),
+                    Condition::Reply(_) => (self.replies.from(heard).collect::<Vec<_>>().join(" "), None),
                     Condition::Value(claim) => (self.contradicts(claim).unwrap_or_default(), Some(claim.node)),
                     Condition::Event { node, .. } | Condition::Character { node, .. } => {
                         ("nothing of the kind".to_owned(), Some(*node))
@@ -226,24 +192,25 @@ impl<'a> Conductor<'a> {
         until: Instant,
         awaited: Option<(WatchId, &Condition)>,
     ) -> Result<Option<Instant>, RigError> {
-        let mut count = awaited.map_or(0, |(_, condition)| occurrences(condition));
+        let mut count = awaited.map_or(0, |(_, condition)| condition.occurrences());
         loop {
-            let worse = self.broken.values().filter_map(Broken::next).filter(|next| *next < until).min();
+            let worse = self.faults.next().filter(|next| *next < until);
             let more = self.rig.step(Limit::until(worse.unwrap_or(until))).await?;
             self.note_facts()?;
             let hits = self.rig.take_hits();
             if hits.is_empty() && !more {
                 let Some(worse) = worse else { return Ok(None) };
-                let due = self.broken.values_mut().filter(|broken| broken.next() == Some(worse));
-                due.for_each(|broken| broken.go_on(&mut self.rig));
+                self.faults.go_on(&mut self.rig, worse);
                 continue;
             }
             let mut happened = None;
             for hit in hits {
-                self.trigger(hit);
+                if let Some((name, since)) = self.faults.see(&mut self.rig, hit, &self.replies) {
+                    self.note(since, &format!("fault '{name}' begins"));
+                }
                 if let Some((_, condition)) = awaited.filter(|(watch, _)| *watch == hit.watch)
                     && happened.is_none()
-                    && self.is_met(condition, hit.at)
+                    && condition.is_met(&self.replies, hit.at)
                 {
                     count -= 1;
                     happened = (count == 0).then_some(hit.at + REACTION);
@@ -252,34 +219,6 @@ impl<'a> Conductor<'a> {
             if happened.is_some() {
                 return Ok(happened);
             }
-        }
-    }
-
-    /// Begins the faults that have waited for this.
-    fn trigger(&mut self, hit: Hit) {
-        let scenario = self.scenario;
-        let Some(armed) = self.armed.iter().position(|(watch, ..)| *watch == hit.watch) else { return };
-        let (watch, place, left) = self.armed[armed];
-        let (Trigger::When(condition), fault) = &scenario.faults[place] else { return };
-        if !self.is_met(condition, hit.at) {
-            return;
-        }
-        if left > 1 {
-            self.armed[armed].2 -= 1;
-            return;
-        }
-        self.armed.remove(armed);
-        self.rig.unwatch(watch);
-        self.break_it(fault, hit.at + REACTION);
-    }
-
-    /// Whether what a watch has seen is what was meant.
-    fn is_met(&self, condition: &Condition, at: Instant) -> bool {
-        match condition {
-            Condition::Reply(reply) => {
-                self.replies.iter().rev().any(|(heard, text)| *heard == at && is_reply(text, reply))
-            }
-            _ => true,
         }
     }
 
@@ -337,10 +276,9 @@ impl<'a> Conductor<'a> {
                 }
             }
             Some(PcEvent::Received(byte)) => {
-                for reply in self.decoder.push(byte) {
+                for reply in self.replies.hear(at, byte) {
                     self.note(at, &format!("pc hears {reply}"));
-                    let text = reply_text(reply);
-                    self.replies.push((at, text.clone()));
+                    let text = reply.code();
                     let pc = self.rig.pc();
                     self.check_never(
                         at,
@@ -423,7 +361,7 @@ impl<'a> Conductor<'a> {
             let at = end - Span::from_nanos(1);
             recorder.finish(&trace::End { digest: digest.to_string(), at, outcome: outcome.to_owned() })?;
         }
-        let replies = self.replies.into_iter().map(|(_, reply)| reply).collect();
+        let replies = self.replies.from(0).map(str::to_owned).collect();
         Ok(Outcome { failures: self.failures, digest, end, replies })
     }
 
@@ -446,7 +384,7 @@ impl<'a> Conductor<'a> {
     fn check_end(&mut self) {
         let scenario = self.scenario;
         if let Some(expected) = &scenario.replies {
-            let came: Vec<&str> = self.replies.iter().map(|(_, reply)| reply.as_str()).collect();
+            let came: Vec<&str> = self.replies.from(0).collect();
             if *expected != came {
                 let failure = self.failure(None, &format!("the replies {}", expected.join(" ")), came.join(" "), None);
                 self.failures.push(*failure);
@@ -458,40 +396,9 @@ impl<'a> Conductor<'a> {
                 self.failures.push(*failure);
             }
         }
-        let fired = self.rig.take_fired();
-        let never: Vec<String> = self
-            .unfired
-            .iter()
-            .filter(|(_, fault)| fault.is_none_or(|fault| !fired.contains(&fault)))
-            .map(|(name, _)| name.clone())
-            .collect();
-        for name in never {
+        for name in self.faults.unfired(&mut self.rig) {
             let failure = self.failure(None, &format!("the fault '{name}'"), "it never fired".to_owned(), None);
             self.failures.push(*failure);
         }
     }
-}
-
-fn occurrences(condition: &Condition) -> u64 {
-    if let Condition::Character { nth, .. } = condition { *nth } else { 1 }
-}
-
-/// `NAK` alone stands for any refusal, `CAN` for any failure.
-fn is_reply(heard: &str, expected: &str) -> bool {
-    heard == expected || heard.split(' ').next() == Some(expected)
-}
-
-/// A reply as scenarios write it: its name and its letters.
-fn reply_text(reply: Reply) -> String {
-    let bytes = reply.emit();
-    let name = match reply {
-        Reply::Ack => "ACK",
-        Reply::Xoff => "XOFF",
-        Reply::Xon => "XON",
-        Reply::Nak(_) => "NAK",
-        Reply::Can(..) => "CAN",
-        Reply::Unknown(byte) => return format!("?{byte:02X}"),
-    };
-    let letters = bytes[1..].iter().map(|letter| format!(" {}", char::from(*letter)));
-    core::iter::once(name.to_owned()).chain(letters).collect()
 }

@@ -5,11 +5,13 @@ use std::path::Path;
 use serde::Deserialize;
 use toml::Spanned;
 use torno_protocol::lathe::Program;
-use torno_protocol::time::{Instant, Span};
+use torno_protocol::time::Span;
 
-use super::{Action, Claim, Condition, PATIENCE, Scenario, Step, Trigger};
-use crate::fault::{Fault, Names, RawFault, span};
+use super::{Action, PATIENCE, Scenario, Step};
+use crate::condition::{RawClaim, RawCondition, words};
+use crate::fault::{Fault, RawFault, span};
 use crate::rig::file::{RigFile, RigFileError};
+use crate::rig::names::Names;
 use crate::text::{self, Complaint, Invalid, TextError, nearest};
 
 /// A scenario ends at the latest so long after it has begun, if nothing else is said.
@@ -86,32 +88,6 @@ struct RawExpect {
     never: Vec<RawCondition>,
 }
 
-/// A condition as a file says it.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct RawCondition {
-    within: Option<Spanned<String>>,
-    reply: Option<Spanned<String>>,
-    line: Option<Spanned<String>>,
-    character: Option<Spanned<u64>>,
-    board: Option<Spanned<String>>,
-    event: Option<Spanned<String>>,
-    quantity: Option<Spanned<String>>,
-    equals: Option<i64>,
-    at_least: Option<i64>,
-    at_most: Option<i64>,
-}
-
-#[derive(Clone, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct RawClaim {
-    board: Spanned<String>,
-    quantity: Spanned<String>,
-    equals: Option<i64>,
-    at_least: Option<i64>,
-    at_most: Option<i64>,
-}
-
 impl Scenario {
     /// Reads a scenario file. A `seed` takes the place of the file's.
     ///
@@ -131,8 +107,7 @@ impl Scenario {
     /// As [`Scenario::load`].
     pub fn parse(path: &str, text: &str, seed: Option<u64>) -> Result<Self, ScenarioError> {
         let invalid = |(span, message): Complaint| Invalid::at(path, text, span, message);
-        let of_toml = |error: toml::de::Error| invalid((error.span().unwrap_or(0..0), error.message().to_owned()));
-        let mut raw: RawScenario = toml::from_str(text).map_err(of_toml)?;
+        let mut raw: RawScenario = toml::from_str(text).map_err(|error| invalid(text::of_toml(&error)))?;
         raw.seed = seed.unwrap_or(raw.seed);
         let beside = Path::new(path).parent().map(|folder| folder.join(&raw.rig)).filter(|rig| rig.is_file());
         let rig = beside.map_or_else(|| raw.rig.clone(), |rig| rig.display().to_string());
@@ -146,15 +121,9 @@ impl Scenario {
         let mut known: Vec<Fault> = Vec::new();
         let mut faults = Vec::new();
         for (number, raw) in raw.fault.iter().enumerate() {
-            let fault = raw.check(&names, number, seed)?;
-            let trigger = match (&raw.at, &raw.when) {
-                (Some(at), None) => Trigger::At(Instant::START + span(at)?),
-                (None, Some(when)) => Trigger::When(when.check(&names)?),
-                (None, None) => Trigger::At(Instant::START),
-                (Some(at), Some(_)) => return Err((at.span(), "expected either at or when, not both".to_owned())),
-            };
-            known.push(fault.clone());
-            faults.push((trigger, fault));
+            let planned = raw.plan(&names, number, seed)?;
+            known.push(planned.fault.clone());
+            faults.push(planned);
         }
         let mut steps = Vec::new();
         for (number, step) in raw.step.into_iter().enumerate() {
@@ -182,21 +151,6 @@ impl Scenario {
             end: raw.end.as_ref().map_or(Ok(END), span)?,
         })
     }
-}
-
-/// Replies in a row, each with its letters: `ACK`, `NAK o`, `CAN d n`.
-pub(super) fn words(text: &str) -> Vec<String> {
-    let mut replies: Vec<String> = Vec::new();
-    for word in text.split_whitespace() {
-        match replies.last_mut() {
-            Some(last) if word.len() == 1 && word.chars().all(|c| c.is_ascii_lowercase()) => {
-                last.push(' ');
-                last.push_str(word);
-            }
-            _ => replies.push(word.to_owned()),
-        }
-    }
-    replies
 }
 
 impl RawStep {
@@ -231,8 +185,8 @@ impl RawStep {
             actions.push(Action::Wait(wait.check(names)?, wait.within.as_ref().map_or(Ok(PATIENCE), span)?));
         }
         if let Some(fault) = &self.r#break {
-            if let Some(at) = &fault.at {
-                return Err((at.span(), "a step breaks something when its turn comes: expected no at here".to_owned()));
+            if let Some(place) = fault.says_when() {
+                return Err((place, "a step breaks something when its turn comes: expected no at here".to_owned()));
             }
             actions.push(Action::Break(fault.check(names, number, seed)?));
         }
@@ -260,70 +214,5 @@ impl RawStep {
                 Err((place, format!("{message}, found {found}")))
             }
         }
-    }
-}
-
-impl RawCondition {
-    fn check(&self, names: &Names) -> Result<Condition, Complaint> {
-        if let Some(nth) = self.character.as_ref().filter(|nth| self.line.is_none() || *nth.get_ref() == 0) {
-            return Err((nth.span(), "character: expected which one of a line, from 1".to_owned()));
-        }
-        match self {
-            Self { reply: Some(reply), line: None, board: None, .. } => {
-                let text = words(reply.get_ref()).join(" ");
-                let known = ["ACK", "XOFF", "XON", "NAK", "CAN"];
-                let first = text.split(' ').next().unwrap_or_default();
-                if !known.contains(&first) {
-                    let message = format!("there is no reply '{}'{}", reply.get_ref(), nearest(first, &known));
-                    return Err((reply.span(), message));
-                }
-                Ok(Condition::Reply(text))
-            }
-            Self { line: Some(line), reply: None, board: None, .. } => {
-                let (node, port) = names.senders[names.line(line)?];
-                let nth = self.character.as_ref().map_or(1, |nth| *nth.get_ref());
-                Ok(Condition::Character { node, port, nth, line: line.get_ref().clone() })
-            }
-            Self { board: Some(board), event: Some(event), quantity: None, .. } => {
-                let node = names.board(board)?;
-                let known: Vec<&str> = names.events[node].iter().map(String::as_str).collect();
-                let found = known.iter().position(|text| text == event.get_ref());
-                let number = found.ok_or_else(|| {
-                    let message = format!("'{}' has no event '{}'", board.get_ref(), event.get_ref());
-                    (event.span(), message + &nearest(event.get_ref(), &known))
-                })?;
-                Ok(Condition::Event { node, event: number as u8, text: event.get_ref().clone() })
-            }
-            Self { board: Some(board), quantity: Some(quantity), event: None, .. } => {
-                let (equals, at_least, at_most) = (self.equals, self.at_least, self.at_most);
-                let claim = RawClaim { board: board.clone(), quantity: quantity.clone(), equals, at_least, at_most };
-                Ok(Condition::Value(claim.check(names)?))
-            }
-            _ => {
-                let place = [&self.reply, &self.line, &self.board, &self.event, &self.quantity];
-                let place = place.into_iter().flatten().map(Spanned::span).next().unwrap_or(0..0);
-                let message = "expected a reply; or a line and a character; or a board with an event or a quantity";
-                Err((place, message.to_owned()))
-            }
-        }
-    }
-}
-
-impl RawClaim {
-    fn check(&self, names: &Names) -> Result<Claim, Complaint> {
-        let node = names.board(&self.board)?;
-        let signal = names.signal(node, &self.quantity)?;
-        let (least, most) = match (self.equals, self.at_least, self.at_most) {
-            (Some(value), None, None) => (value, value),
-            (None, None, None) | (Some(_), ..) => {
-                return Err((self.quantity.span(), "expected equals, or at_least, at_most or both".to_owned()));
-            }
-            (None, least, most) => (least.unwrap_or(i64::MIN), most.unwrap_or(i64::MAX)),
-        };
-        let name = format!("{}.{}", self.board.get_ref(), self.quantity.get_ref());
-        if least > most {
-            return Err((self.quantity.span(), format!("{name}: at_least is above at_most: nothing can be both")));
-        }
-        Ok(Claim { node, signal, least, most, name })
     }
 }

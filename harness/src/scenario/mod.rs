@@ -12,13 +12,12 @@ mod file;
 pub use batch::{run_all, run_recorded};
 pub use conductor::{Outcome, record, run};
 pub use failure::Failure;
-pub(crate) use file::RawCondition;
 pub use file::ScenarioError;
 
-use torno_protocol::time::{Instant, Span};
+use torno_protocol::time::Span;
 
-use crate::engine::NodeId;
-use crate::fault::Fault;
+use crate::condition::{Claim, Condition};
+use crate::fault::{Fault, Planned};
 use crate::rig::file::RigFile;
 
 /// How long a step waits if nothing else is said.
@@ -40,7 +39,7 @@ pub struct Scenario {
     /// What is done, in order.
     pub steps: Vec<Step>,
     /// Faults that begin by themselves.
-    pub faults: Vec<(Trigger, Fault)>,
+    pub faults: Vec<Planned>,
     /// What must hold at the end.
     pub finally: Vec<Claim>,
     /// What must hold throughout.
@@ -77,86 +76,4 @@ pub enum Action {
     Heal(String),
     /// Something must hold now.
     Check(Claim),
-}
-
-/// When a fault begins.
-#[derive(Clone, Debug)]
-pub enum Trigger {
-    /// At an instant.
-    At(Instant),
-    /// [`REACTION`](crate::engine::REACTION) after something happens.
-    When(Condition),
-}
-
-/// Something that happens.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Condition {
-    /// The PC hears a reply.
-    Reply(String),
-    /// A quantity reaches a value within bounds.
-    Value(Claim),
-    /// A board tells of an event.
-    Event {
-        /// The board.
-        node: NodeId,
-        /// The event's number.
-        event: u8,
-        /// Its text, for people.
-        text: String,
-    },
-    /// A board sends its `nth` character on a port, from 1.
-    Character {
-        /// The board.
-        node: NodeId,
-        /// Its port.
-        port: u8,
-        /// Which.
-        nth: u64,
-        /// The line, for people.
-        line: String,
-    },
-}
-
-/// A quantity lies within bounds.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Claim {
-    /// The board.
-    pub node: NodeId,
-    /// The quantity's number.
-    pub signal: u8,
-    /// The least value.
-    pub least: i64,
-    /// The greatest.
-    pub most: i64,
-    /// `board.quantity`, for people.
-    pub name: String,
-}
-
-impl Claim {
-    /// Whether a value is within the bounds.
-    pub fn holds(&self, value: i64) -> bool {
-        (self.least..=self.most).contains(&value)
-    }
-}
-
-impl std::fmt::Display for Claim {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match (self.least, self.most) {
-            (least, most) if least == most => write!(f, "{} = {least}", self.name),
-            (i64::MIN, most) => write!(f, "{} ≤ {most}", self.name),
-            (least, i64::MAX) => write!(f, "{} ≥ {least}", self.name),
-            (least, most) => write!(f, "{} from {least} to {most}", self.name),
-        }
-    }
-}
-
-impl std::fmt::Display for Condition {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Reply(reply) => write!(f, "the reply {reply}"),
-            Self::Value(claim) => write!(f, "{claim}"),
-            Self::Event { text, .. } => write!(f, "the event '{text}'"),
-            Self::Character { nth, line, .. } => write!(f, "character {nth} on {line}"),
-        }
-    }
 }

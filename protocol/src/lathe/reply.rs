@@ -134,6 +134,22 @@ impl Reply {
     }
 }
 
+impl Reply {
+    /// The reply as scenarios write it: its name, and its letters one by one.
+    pub fn code(self) -> String {
+        let name = match self {
+            Self::Ack => "ACK",
+            Self::Xoff => "XOFF",
+            Self::Xon => "XON",
+            Self::Nak(_) => "NAK",
+            Self::Can(..) => "CAN",
+            Self::Unknown(byte) => return format!("?{byte:02X}"),
+        };
+        let letters = self.emit().into_iter().skip(1).map(|letter| format!(" {}", char::from(letter)));
+        core::iter::once(name.to_owned()).chain(letters).collect()
+    }
+}
+
 /// Puts replies together from bytes.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ReplyDecoder {

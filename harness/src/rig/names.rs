@@ -1,0 +1,71 @@
+//! The names that a rig gives to its parts.
+
+use toml::Spanned;
+
+use super::file::RigFile;
+use crate::engine::{LineId, NodeId};
+use crate::text::{Complaint, nearest};
+
+/// The names that a rig gives to its parts.
+#[derive(Clone, Debug)]
+pub struct Names {
+    /// Boards, and last the PC.
+    pub boards: Vec<String>,
+    /// The quantities of each.
+    pub signals: Vec<Vec<String>>,
+    /// The events' texts of each.
+    pub events: Vec<Vec<String>>,
+    /// Lines.
+    pub lines: Vec<String>,
+    /// What sends on each line: the board and its port.
+    pub senders: Vec<(NodeId, u8)>,
+}
+
+impl Names {
+    /// The names in a rig, in the order of the engine's numbers.
+    pub fn of(file: &RigFile) -> Self {
+        let pc = crate::pc::PcUart::new(file.pc.baud, file.pc.tx_fifo, file.pc.clock);
+        let pc = torno_protocol::board::Board::description(&pc);
+        let described = || file.boards.iter().map(|board| &board.description).chain([&pc]);
+        let boards: Vec<String> = file.boards.iter().map(|board| board.name.clone()).chain(["pc".to_owned()]).collect();
+        let (lines, senders) = file.lines().into_iter().map(|line| (line.name, line.from)).unzip();
+        Self {
+            signals: described().map(|d| d.signals.iter().map(|signal| signal.name.clone()).collect()).collect(),
+            events: described().map(|d| d.events.clone()).collect(),
+            boards,
+            lines,
+            senders,
+        }
+    }
+
+    /// The number of a board.
+    ///
+    /// # Errors
+    /// Where, and the nearest known name.
+    pub fn board(&self, name: &Spanned<String>) -> Result<NodeId, Complaint> {
+        find("board", name, &self.boards)
+    }
+
+    /// The number of a line.
+    ///
+    /// # Errors
+    /// Where, and the nearest known name.
+    pub fn line(&self, name: &Spanned<String>) -> Result<LineId, Complaint> {
+        find("line", name, &self.lines)
+    }
+
+    /// The number of a board's quantity.
+    ///
+    /// # Errors
+    /// Where, and the nearest known name.
+    pub fn signal(&self, board: NodeId, name: &Spanned<String>) -> Result<u8, Complaint> {
+        find(&format!("quantity of '{}'", self.boards[board]), name, &self.signals[board]).map(|place| place as u8)
+    }
+}
+
+fn find(what: &str, name: &Spanned<String>, known: &[String]) -> Result<usize, Complaint> {
+    known.iter().position(|other| other == name.get_ref()).ok_or_else(|| {
+        let known: Vec<&str> = known.iter().map(String::as_str).collect();
+        (name.span(), format!("there is no {what} '{}'{}", name.get_ref(), nearest(name.get_ref(), &known)))
+    })
+}
