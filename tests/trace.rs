@@ -14,10 +14,13 @@ use std::time::Duration;
 use common::{ACK, LONG, NAK, SHORT, Up, XOFF, XON, folder, json, kill, output, torno, wait_until};
 use serde_json::Value;
 use serialport::SerialPort;
+use torno::engine::Fact;
 use torno::pace::Pace;
 use torno::play::{Breakage, Play};
 use torno::rig::Driver;
 use torno::rig::file::RigFile;
+use torno::trace::analyser::{self, Analyser};
+use torno::trace::rows::{Filter, Row, Wanted};
 use torno::trace::{Header, Recorder};
 use torno_protocol::board::Stimulus;
 use torno_protocol::lathe::Program;
@@ -305,6 +308,38 @@ fn filters_show_what_they_name_and_nothing_else() {
     assert!(csv.starts_with("time_s,board,quantity,value\n0.019303385,spindle,set_point_rpm,1500\n"), "{csv}");
     let telemetry = shown(&["--board", "spindle", "--kind", "telemetry"]);
     assert_eq!(csv.lines().count(), telemetry.lines().count() + 1);
+}
+
+/// Whoever watches a rig while it runs sees what a trace of it shows.
+#[test]
+fn an_analyser_shows_the_same_however_it_is_asked() {
+    let folder = folder();
+    let (path, _) = recorded(folder.path(), "a.torno", &["--in-process"]);
+    let (trace, _) = torno::trace::read(BufReader::new(fs::File::open(path).unwrap())).unwrap();
+    let kinds = ["edges", "characters", "frames", "telemetry", "events", "inputs"].map(str::to_owned).to_vec();
+    let filter = Filter::new(&trace.header, &Wanted { kinds, ..Wanted::default() }).unwrap();
+    let mut analyser = Analyser::new(&trace.header, filter.clone());
+    analyser.note(&trace.inputs, &[]);
+    let begins = |fact: &Fact| match fact {
+        Fact::Edges { edges, .. } => edges[0].at,
+        Fact::Telemetry { at, .. } | Fact::Event { at, .. } => *at,
+    };
+    let (mut rows, mut until) = (Vec::new(), Instant::START);
+    while until < trace.until() {
+        let from = until;
+        until += Span::from_micros(777_777);
+        let new = trace.facts.iter().filter(|fact| (from..until).contains(&begins(fact)));
+        analyser.note(&[], &new.cloned().collect::<Vec<_>>());
+        rows.extend(analyser.take(until));
+    }
+    rows.extend(analyser.end());
+    let text = |rows: &[Row]| {
+        let mut text: Vec<String> = rows.iter().map(|row| row.text(&trace.header, false)).collect();
+        text.sort();
+        text
+    };
+    assert!(rows.len() > 10_000);
+    assert_eq!(text(&rows), text(&analyser::rows(&trace, &filter)));
 }
 
 #[test]

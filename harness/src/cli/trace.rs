@@ -9,7 +9,8 @@ use anyhow::Context;
 use torno::observe::Waveforms;
 use torno::rig::file::RigFile;
 use torno::trace::Trace;
-use torno::trace::rows::{CSV_HEADER, Filter, Row, Wanted, rows};
+use torno::trace::analyser::rows;
+use torno::trace::rows::{CSV_HEADER, Filter, Row, Wanted};
 use torno_protocol::time::{Instant, Span};
 
 use super::{USAGE, colour, load_trace};
@@ -62,12 +63,12 @@ impl Arguments {
             let (kinds, csv) = if self.csv { (vec!["telemetry".to_owned()], true) } else { (self.kind, false) };
             let from = self.from.unwrap_or(Instant::START);
             let wanted = Wanted { from, to: self.to, lines: self.line, boards: self.board, kinds };
-            let rows = rows(&trace, &Filter::new(&trace, &wanted)?);
+            let rows = rows(&trace, &Filter::new(&trace.header, &wanted)?);
             let colour = colour();
             let show = |row: &Row| match () {
-                () if csv => row.csv(&trace).unwrap_or_default(),
-                () if self.json => row.json(&trace).to_string(),
-                () => row.text(&trace, colour),
+                () if csv => row.csv(&trace.header).unwrap_or_default(),
+                () if self.json => row.json(&trace.header).to_string(),
+                () => row.text(&trace.header, colour),
             };
             match print_rows(csv.then_some(CSV_HEADER), rows.iter().map(show)) {
                 Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {}

@@ -7,8 +7,8 @@ use torno_protocol::line::Edge;
 use torno_protocol::time::Instant;
 use torno_protocol::uart::{Character, Receiver};
 
-use super::Trace;
-use crate::engine::{Fact, LineId};
+use super::{Header, Trace};
+use crate::engine::{Fact, LineId, NodeId};
 use crate::pc;
 use crate::rig::file::RigFile;
 use crate::rig::{Input, What};
@@ -25,85 +25,114 @@ pub struct Heard {
 }
 
 /// Something that happens to a line, for its receiver.
-enum Step<'a> {
-    Edges(&'a [Edge]),
+#[derive(Clone, Debug)]
+enum Step {
+    Edges(Vec<Edge>),
     Tune(Instant, u32),
     Clock(Instant, Clock),
 }
 
-impl Step<'_> {
-    fn at(&self) -> Instant {
+impl Step {
+    /// When; a stimulus comes first at its instant.
+    fn order(&self) -> (Instant, bool) {
         match self {
-            Self::Edges(edges) => edges.first().map_or(Instant::START, |edge| edge.at),
-            Self::Tune(at, _) | Self::Clock(at, _) => *at,
+            Self::Edges(edges) => (edges.first().map_or(Instant::START, |edge| edge.at), true),
+            Self::Tune(at, _) | Self::Clock(at, _) => (*at, false),
         }
     }
 }
 
-/// The characters on all lines, in order of time.
+/// Hears the characters on the lines of a rig.
 ///
 /// Each line is heard by a hardware receiver that runs on the clock of the board at its end. The PC's two lines are
 /// heard at the speed that the PC has set: what is seen is what it sends and what it gets.
+#[derive(Clone, Debug)]
+pub struct Ears {
+    pc: usize,
+    lines: Vec<Ear>,
+}
+
+/// One line: what is known of it and has not been heard yet, and who listens.
+#[derive(Clone, Debug)]
+struct Ear {
+    to: NodeId,
+    of_pc: bool,
+    steps: Vec<Step>,
+    listener: Listener,
+}
+
+impl Ears {
+    /// Ears that listen from the start.
+    pub fn new(header: &Header) -> Self {
+        // A trace of another version of torno may have a rig that this one cannot read.
+        let rig = RigFile::parse(&header.rig, &header.text).ok();
+        let pc = header.boards.len().saturating_sub(1);
+        let ear = |(line, info): (LineId, &super::LineInfo)| {
+            let clock = rig
+                .as_ref()
+                .map_or(Clock::TRUE, |rig| rig.boards.get(info.to).map_or(rig.pc.clock, |board| board.clock));
+            let of_pc = info.from == pc || info.to == pc;
+            let baud = rig.as_ref().filter(|_| of_pc).map_or(BAUD, |rig| rig.pc.baud);
+            let receiver = Receiver::hardware(Rate::hz(baud), clock);
+            let sends = info.from == pc;
+            let listener = Listener { line, receiver, baud, clock, sends, next: None };
+            Ear { to: info.to, of_pc, steps: Vec::new(), listener }
+        };
+        Self { pc, lines: header.lines.iter().enumerate().map(ear).collect() }
+    }
+
+    /// Takes note of what came from outside and of what happened.
+    pub fn note(&mut self, inputs: &[Input], facts: &[Fact]) {
+        for Input { at, what, .. } in inputs {
+            let What::Stimulus { board, stimulus } = what else { continue };
+            match *stimulus {
+                Stimulus::Configure { baud, .. } if *board == self.pc && baud > 0 => {
+                    let baud = baud.clamp(*pc::BAUD.start(), *pc::BAUD.end());
+                    self.lines.iter_mut().filter(|ear| ear.of_pc).for_each(|ear| ear.steps.push(Step::Tune(*at, baud)));
+                }
+                Stimulus::Clock(clock) => {
+                    let theirs = self.lines.iter_mut().filter(|ear| ear.to == *board);
+                    theirs.for_each(|ear| ear.steps.push(Step::Clock(*at, clock)));
+                }
+                _ => {}
+            }
+        }
+        for fact in facts {
+            if let Fact::Edges { line, edges } = fact
+                && let Some(ear) = self.lines.get_mut(*line)
+            {
+                ear.steps.push(Step::Edges(edges.clone()));
+            }
+        }
+    }
+
+    /// The characters that have been heard before `until`, in order of time. Nothing before it is still to be noted.
+    pub fn hear(&mut self, until: Instant) -> Vec<Heard> {
+        let mut heard: Vec<Heard> = self.lines.iter_mut().flat_map(|ear| ear.hear(until)).collect();
+        heard.sort_by_key(|heard| heard.at);
+        heard
+    }
+}
+
+impl Ear {
+    fn hear(&mut self, until: Instant) -> Vec<Heard> {
+        self.steps.sort_by_key(Step::order);
+        let due = self.steps.partition_point(|step| step.order().0 < until);
+        let mut heard = Vec::new();
+        self.steps.drain(..due).for_each(|step| self.listener.take(step, &mut heard));
+        self.listener.drain(until, &mut heard);
+        heard
+    }
+}
+
+/// The characters on all lines of a trace, in order of time.
 pub fn characters(trace: &Trace) -> Vec<Heard> {
-    let mut heard: Vec<Heard> = (0..trace.header.lines.len()).flat_map(|line| on_line(trace, line)).collect();
-    heard.sort_by_key(|heard| heard.at);
-    heard
+    let mut ears = Ears::new(&trace.header);
+    ears.note(&trace.inputs, &trace.facts);
+    ears.hear(Instant::NEVER)
 }
 
-/// The characters on one line, in order.
-pub fn on_line(trace: &Trace, line: LineId) -> Vec<Heard> {
-    // A trace of another version of torno may have a rig that this one cannot read.
-    let rig = RigFile::parse(&trace.header.rig, &trace.header.text).ok();
-    let pc = trace.header.boards.len().saturating_sub(1);
-    let info = &trace.header.lines[line];
-    let clock =
-        rig.as_ref().map_or(Clock::TRUE, |rig| rig.boards.get(info.to).map_or(rig.pc.clock, |board| board.clock));
-    let of_pc = info.from == pc || info.to == pc;
-    let baud = rig.as_ref().filter(|_| of_pc).map_or(BAUD, |rig| rig.pc.baud);
-
-    let mut steps: Vec<Step<'_>> = trace.facts.iter().filter_map(|fact| step(fact, line)).collect();
-    if of_pc {
-        steps.extend(trace.inputs.iter().filter_map(|input| tune(input, pc)));
-    }
-    steps.extend(trace.inputs.iter().filter_map(|input| match input.what {
-        What::Stimulus { board, stimulus: Stimulus::Clock(clock) } if board == info.to => {
-            Some(Step::Clock(input.at, clock))
-        }
-        _ => None,
-    }));
-    // A stimulus comes first at its instant.
-    steps.sort_by_key(|step| (step.at(), matches!(step, Step::Edges(_))));
-
-    let mut ear = Listener {
-        line,
-        receiver: Receiver::hardware(Rate::hz(baud), clock),
-        baud,
-        clock,
-        sends: info.from == pc,
-        next: None,
-        heard: Vec::new(),
-    };
-    steps.into_iter().for_each(|step| ear.take(step));
-    ear.drain(Instant::NEVER);
-    ear.heard
-}
-
-fn step(fact: &Fact, line: LineId) -> Option<Step<'_>> {
-    match fact {
-        Fact::Edges { line: other, edges } if *other == line => Some(Step::Edges(edges)),
-        _ => None,
-    }
-}
-
-fn tune(input: &Input, pc: usize) -> Option<Step<'static>> {
-    match input.what {
-        What::Stimulus { board, stimulus: Stimulus::Configure { baud, .. } } if board == pc && baud > 0 => {
-            Some(Step::Tune(input.at, baud.clamp(*pc::BAUD.start(), *pc::BAUD.end())))
-        }
-        _ => None,
-    }
-}
-
+#[derive(Clone, Debug)]
 struct Listener {
     line: LineId,
     receiver: Receiver,
@@ -112,29 +141,28 @@ struct Listener {
     /// The line's sender is the one whose speed changes: it changes with the next character.
     sends: bool,
     next: Option<u32>,
-    heard: Vec<Heard>,
 }
 
 impl Listener {
-    fn take(&mut self, step: Step<'_>) {
+    fn take(&mut self, step: Step, heard: &mut Vec<Heard>) {
         match step {
             Step::Edges(edges) => {
                 let Some(first) = edges.first() else { return };
-                self.drain(first.at);
+                self.drain(first.at.next(), heard);
                 if let Some(baud) = self.next.take() {
-                    self.drain(Instant::NEVER);
+                    self.drain(Instant::NEVER, heard);
                     self.tune(baud, first.at);
                 }
-                self.receiver.hear(edges);
+                self.receiver.hear(&edges);
             }
             Step::Clock(at, clock) => {
-                self.drain(at);
+                self.drain(at.next(), heard);
                 self.clock = clock;
                 self.receiver.retune(&Receiver::hardware(Rate::hz(self.baud), clock), at);
             }
             Step::Tune(_, baud) if self.sends => self.next = Some(baud),
             Step::Tune(at, baud) => {
-                self.drain(at);
+                self.drain(at.next(), heard);
                 self.tune(baud, at);
             }
         }
@@ -147,12 +175,12 @@ impl Listener {
         }
     }
 
-    /// Takes the characters that nothing from `until` on can change.
-    fn drain(&mut self, until: Instant) {
-        while let Some(at) = self.receiver.poll_timeout().filter(|at| *at <= until)
+    /// Takes the characters before `until`.
+    fn drain(&mut self, until: Instant, heard: &mut Vec<Heard>) {
+        while let Some(at) = self.receiver.poll_timeout().filter(|at| *at < until)
             && let Some(character) = self.receiver.take(at)
         {
-            self.heard.push(Heard { at, line: self.line, character });
+            heard.push(Heard { at, line: self.line, character });
         }
     }
 }

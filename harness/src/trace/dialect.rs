@@ -9,7 +9,7 @@ use torno_protocol::lathe::{
 };
 use torno_protocol::time::{Instant, Span};
 
-use super::Trace;
+use super::Header;
 use super::decode::Heard;
 use crate::engine::LineId;
 
@@ -40,31 +40,21 @@ enum Role {
 }
 
 /// The messages in these characters, which are in order of time; in order of time, too.
-pub fn messages(trace: &Trace, characters: &[Heard]) -> Vec<Message> {
-    let kind = |board: usize| trace.header.boards[board].kind.as_str();
-    let role = |line: &super::LineInfo| match (kind(line.from), kind(line.to)) {
-        ("pc", "master") => Role::Frames,
-        ("master", "pc") => Role::Replies,
-        ("master", to) => slave(to).map_or(Role::Unknown, Role::Parts),
-        (from, "master") => slave(from).map_or(Role::Unknown, Role::Answers),
-        _ => Role::Unknown,
-    };
-    let roles: Vec<Role> = trace.header.lines.iter().map(role).collect();
-    let mut reader = Reader::default();
-    for heard in characters {
-        reader.hear(heard, roles[heard.line]);
-    }
+pub fn messages(header: &Header, characters: &[Heard]) -> Vec<Message> {
+    let mut reader = Reader::new(header);
+    reader.hear(characters);
     reader.end();
-    reader.messages.sort_by_key(|message| message.at);
-    reader.messages
+    reader.take()
 }
 
 fn slave(kind: &str) -> Option<Slave> {
     Slave::ALL.into_iter().find(|slave| slave.name() == kind)
 }
 
-#[derive(Default)]
-struct Reader {
+/// Reads the characters of all lines together.
+#[derive(Clone, Debug, Default)]
+pub struct Reader {
+    roles: Vec<Role>,
     /// The bytes of the frame that is coming.
     frame: Partial,
     /// Until the PC has been silent, nothing is a frame.
@@ -76,14 +66,14 @@ struct Reader {
     messages: Vec<Message>,
 }
 
-#[derive(Default)]
+#[derive(Clone, Debug, Default)]
 struct Partial {
     line: LineId,
     bytes: Vec<u8>,
     last: Instant,
 }
 
-#[derive(Default)]
+#[derive(Clone, Debug, Default)]
 struct Conversation {
     part: Partial,
     busy: bool,
@@ -92,14 +82,38 @@ struct Conversation {
 }
 
 impl Reader {
-    fn hear(&mut self, heard: &Heard, role: Role) {
-        match role {
-            Role::Frames => self.hear_pc(heard),
-            Role::Replies => self.hear_reply(heard),
-            Role::Parts(slave) => self.hear_part(heard, slave),
-            Role::Answers(slave) => self.hear_answer(heard, slave),
-            Role::Unknown => {}
+    /// Reads a rig's lines from the start.
+    pub fn new(header: &Header) -> Self {
+        let kind = |board: usize| header.boards[board].kind.as_str();
+        let role = |line: &super::LineInfo| match (kind(line.from), kind(line.to)) {
+            ("pc", "master") => Role::Frames,
+            ("master", "pc") => Role::Replies,
+            ("master", to) => slave(to).map_or(Role::Unknown, Role::Parts),
+            (from, "master") => slave(from).map_or(Role::Unknown, Role::Answers),
+            _ => Role::Unknown,
+        };
+        Self { roles: header.lines.iter().map(role).collect(), ..Self::default() }
+    }
+
+    /// Takes characters that follow on those before, in order of time.
+    pub fn hear(&mut self, characters: &[Heard]) {
+        for heard in characters {
+            match self.roles[heard.line] {
+                Role::Frames => self.hear_pc(heard),
+                Role::Replies => self.hear_reply(heard),
+                Role::Parts(slave) => self.hear_part(heard, slave),
+                Role::Answers(slave) => self.hear_answer(heard, slave),
+                Role::Unknown => {}
+            }
         }
+    }
+
+    /// The messages since the last call, in order of time. What is known to be cut short only by what follows it comes
+    /// with that.
+    pub fn take(&mut self) -> Vec<Message> {
+        let mut messages = core::mem::take(&mut self.messages);
+        messages.sort_by_key(|message| message.at);
+        messages
     }
 
     fn tell(&mut self, at: Instant, line: LineId, text: String, flaw: bool) {
@@ -224,7 +238,8 @@ impl Reader {
         self.tell(heard.at, heard.line, text, flaw);
     }
 
-    fn end(&mut self) {
+    /// Nothing more will come.
+    pub fn end(&mut self) {
         self.cut_frame_short();
         Slave::ALL.into_iter().for_each(|slave| self.end_part(slave));
     }
@@ -284,7 +299,7 @@ mod tests {
 
     use super::*;
     use crate::rig::file::RigFile;
-    use crate::trace::Header;
+    use crate::trace::Trace;
 
     /// What is said by characters on lines, a character time apart; `None` is a silence of 60 ms.
     fn said(characters: &[Option<(&str, u8)>]) -> Vec<String> {
@@ -299,7 +314,7 @@ mod tests {
                 heard.push(Heard { at, line, character: Character::good(*byte) });
             }
         }
-        messages(&trace, &heard).into_iter().map(|message| message.text).collect()
+        messages(&trace.header, &heard).into_iter().map(|message| message.text).collect()
     }
 
     fn on<'a>(line: &'a str, bytes: &[u8]) -> Vec<Option<(&'a str, u8)>> {

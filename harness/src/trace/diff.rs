@@ -7,7 +7,8 @@ use serde_json::{Value, json};
 use torno_protocol::line::Level;
 use torno_protocol::time::Instant;
 
-use super::rows::{Filter, Place, Row, UnknownName, Wanted, rows};
+use super::analyser::rows;
+use super::rows::{Filter, Place, Row, UnknownName, Wanted};
 use super::{Trace, decode, dialect};
 use crate::engine::Fact;
 
@@ -70,7 +71,7 @@ impl Moment<'_> {
         match (self, other) {
             (Self::Edge { .. }, Self::Edge { .. }) => self == other,
             (Self::Other(a), Self::Other(b)) => {
-                let row = |trace: &Trace, fact: &Fact| Row::of_fact(trace, fact).first().map(Row::what);
+                let row = |trace: &Trace, fact: &Fact| Row::of_fact(&trace.header, fact).first().map(Row::what);
                 let value = |fact: &Fact| match fact {
                     Fact::Telemetry { value, .. } | Fact::Event { value, .. } => Some(*value),
                     Fact::Edges { .. } => None,
@@ -179,14 +180,14 @@ fn streams(trace: &Trace) -> Streams<'_> {
 fn side(trace: &Trace, place: Option<Place>, moment: Moment<'_>) -> Side {
     let at = moment.at();
     let what = match moment {
-        Moment::Other(fact) => Row::of_fact(trace, fact).first().map_or_else(String::new, Row::what),
+        Moment::Other(fact) => Row::of_fact(&trace.header, fact).first().map_or_else(String::new, Row::what),
         Moment::Edge { level, .. } => {
             let mut what = format!("the line goes {}", if level == Level::High { "high" } else { "low" });
             let heard = decode::characters(trace);
             let on_line = |line: usize| place == Some(Place::Line(line));
             if let Some(character) = heard.iter().find(|heard| on_line(heard.line) && heard.at >= at) {
                 what += &format!(", in character {}", Row::character(character).what());
-                let messages = dialect::messages(trace, &heard);
+                let messages = dialect::messages(&trace.header, &heard);
                 let message = messages.iter().find(|other| on_line(other.line) && other.at >= character.at);
                 what += &message.map_or_else(String::new, |message| format!(", of {}", message.text));
             }
@@ -198,11 +199,11 @@ fn side(trace: &Trace, place: Option<Place>, moment: Moment<'_>) -> Side {
 
 /// The last rows before `at`.
 fn context(trace: &Trace, at: Instant) -> Result<Vec<String>, UnknownName> {
-    let filter = Filter::new(trace, &Wanted::default())?;
+    let filter = Filter::new(&trace.header, &Wanted::default())?;
     let mut rows = rows(trace, &filter);
     rows.retain(|row| row.at < at);
     let from = rows.len().saturating_sub(CONTEXT);
-    Ok(rows[from..].iter().map(|row| row.text(trace, false)).collect())
+    Ok(rows[from..].iter().map(|row| row.text(&trace.header, false)).collect())
 }
 
 impl Difference {

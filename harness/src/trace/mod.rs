@@ -31,6 +31,7 @@
 //! when it has grown to 64 KiB or nothing more is about to come. So a trace whose writer was killed lacks its end, and
 //! perhaps a part of its last block, and is good up to there.
 
+pub mod analyser;
 pub mod decode;
 pub mod dialect;
 pub mod diff;

@@ -173,8 +173,9 @@ mod tests {
     use crate::engine::{Disturbance, Fact, Tampering};
     use crate::rig::file::RigFile;
     use crate::rig::{Input, What};
+    use crate::trace::analyser::rows;
     use crate::trace::diff::{Extent, first_difference};
-    use crate::trace::rows::{Filter, Wanted, rows};
+    use crate::trace::rows::{Filter, Wanted};
     use crate::trace::{End, Writer};
 
     fn header() -> Header {
@@ -414,13 +415,13 @@ mod tests {
             b.inputs.retain(|input| !on_line_7(&input.what));
             for trace in [&a, &b] {
                 let kinds = ["edges", "characters", "frames", "telemetry", "events", "inputs"].map(str::to_owned);
-                let filter = Filter::new(trace, &Wanted { kinds: kinds.to_vec(), ..Wanted::default() }).unwrap();
+                let filter = Filter::new(&trace.header, &Wanted { kinds: kinds.to_vec(), ..Wanted::default() }).unwrap();
                 let rows = rows(trace, &filter);
                 prop_assert!(rows.is_sorted_by_key(|row| row.at));
                 prop_assert!(rows.len() >= trace.inputs.len() + trace.facts.len());
                 for row in rows {
-                    let _ = (row.text(trace, true), row.csv(trace));
-                    prop_assert_eq!(row.json(trace)["ns"].as_u64(), Some(row.at.as_nanos()));
+                    let _ = (row.text(&trace.header, true), row.csv(&trace.header));
+                    prop_assert_eq!(row.json(&trace.header)["ns"].as_u64(), Some(row.at.as_nanos()));
                 }
             }
             prop_assert_eq!(first_difference(&a, &a, Extent::Whole), None);

@@ -9,9 +9,9 @@ use torno_protocol::line::Level;
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::Character;
 
-use super::Trace;
-use super::decode::{self, Heard};
-use super::dialect::{self, hex};
+use super::Header;
+use super::decode::Heard;
+use super::dialect::{Message, hex};
 use crate::engine::{Disturbance, Fact, LineId, NodeId, Tampering};
 use crate::rig::{Input, What};
 use crate::text;
@@ -85,17 +85,17 @@ pub struct Filter {
     to: Instant,
     lines: Vec<bool>,
     boards: Vec<bool>,
-    kinds: Vec<Kind>,
+    pub(super) kinds: Vec<Kind>,
 }
 
 impl Filter {
-    /// What is wanted, of this trace.
+    /// What is wanted, of a rig like this.
     ///
     /// # Errors
     /// [`UnknownName`] with the nearest that there is.
-    pub fn new(trace: &Trace, wanted: &Wanted) -> Result<Self, UnknownName> {
-        let lines: Vec<&str> = trace.header.lines.iter().map(|line| line.name.as_str()).collect();
-        let boards: Vec<&str> = trace.header.boards.iter().map(|board| board.name.as_str()).collect();
+    pub fn new(header: &Header, wanted: &Wanted) -> Result<Self, UnknownName> {
+        let lines: Vec<&str> = header.lines.iter().map(|line| line.name.as_str()).collect();
+        let boards: Vec<&str> = header.boards.iter().map(|board| board.name.as_str()).collect();
         let everything = wanted.lines.is_empty() && wanted.boards.is_empty();
         let kinds = chosen("kind", &Kind::NAMES.map(|row| row.1), &wanted.kinds)?;
         let kinds: Vec<Kind> =
@@ -109,7 +109,8 @@ impl Filter {
         })
     }
 
-    fn shows(&self, row: &Row) -> bool {
+    /// Whether a row is shown.
+    pub(super) fn shows(&self, row: &Row) -> bool {
         let place = match row.place {
             Place::Line(line) => self.lines[line],
             Place::Board(board) => self.boards[board],
@@ -137,10 +138,10 @@ pub enum Place {
 
 impl Place {
     /// Its name.
-    pub fn name(self, trace: &Trace) -> &str {
+    pub fn name(self, header: &Header) -> &str {
         match self {
-            Self::Line(line) => &trace.header.lines[line].name,
-            Self::Board(board) => &trace.header.boards[board].name,
+            Self::Line(line) => &header.lines[line].name,
+            Self::Board(board) => &header.boards[board].name,
         }
     }
 }
@@ -182,9 +183,15 @@ impl Row {
         Self { at: heard.at, place: Place::Line(heard.line), content: Content::Character(heard.character) }
     }
 
+    /// A row for a message.
+    pub(super) fn message(message: Message) -> Self {
+        let Message { at, line, text, flaw } = message;
+        Self { at, place: Place::Line(line), content: Content::Message { text, flaw } }
+    }
+
     /// Rows for a fact: one for each edge, or one.
-    pub fn of_fact(trace: &Trace, fact: &Fact) -> Vec<Self> {
-        let description = |node: NodeId| &trace.header.boards[node].description;
+    pub fn of_fact(header: &Header, fact: &Fact) -> Vec<Self> {
+        let description = |node: NodeId| &header.boards[node].description;
         match fact {
             Fact::Edges { line, edges } => edges
                 .iter()
@@ -204,11 +211,12 @@ impl Row {
         }
     }
 
-    fn of_input(trace: &Trace, input: &Input) -> Self {
+    /// A row for what came from outside.
+    pub(super) fn of_input(header: &Header, input: &Input) -> Self {
         let (place, text) = match &input.what {
             What::Stimulus { board, stimulus } => (Place::Board(*board), stimulus_text(stimulus)),
             What::Disturbed { line, fault, disturbance } => {
-                (Place::Line(*line), format!("fault {fault}: {}", disturbance_text(trace, disturbance)))
+                (Place::Line(*line), format!("fault {fault}: {}", disturbance_text(header, disturbance)))
             }
             What::Healed { line, fault } => (Place::Line(*line), format!("fault {fault} ends")),
             What::Stopped { board, .. } => (Place::Board(*board), "process stopped: hangs".to_owned()),
@@ -248,7 +256,7 @@ impl Row {
     }
 
     /// The row for people: time in seconds, place, kind and what; without a line feed.
-    pub fn text(&self, trace: &Trace, colour: bool) -> String {
+    pub fn text(&self, header: &Header, colour: bool) -> String {
         let nanos = self.at.as_nanos();
         let (seconds, rest) = (nanos / 1_000_000_000, nanos % 1_000_000_000);
         let (mark, style) = match &self.content {
@@ -260,14 +268,14 @@ impl Row {
             Content::Edge(_) | Content::Character(_) => (" ", Style::new()),
         };
         let style = if colour { style } else { Style::new() };
-        let place = self.place.name(trace);
+        let place = self.place.name(header);
         format!("{seconds:>5}.{rest:09}  {place:<22} {style}{mark} {}{style:#}", self.what())
     }
 
     /// The row for programs. `ns` is in nanoseconds.
-    pub fn json(&self, trace: &Trace) -> Value {
+    pub fn json(&self, header: &Header) -> Value {
         let mut row = json!({ "ns": self.at.as_nanos(), "kind": self.kind().name() });
-        let place = self.place.name(trace);
+        let place = self.place.name(header);
         match self.place {
             Place::Line(_) => row["line"] = place.into(),
             Place::Board(_) => row["board"] = place.into(),
@@ -293,11 +301,11 @@ impl Row {
     }
 
     /// The row as comma-separated values, if it is telemetry: time in seconds, board, quantity, value.
-    pub fn csv(&self, trace: &Trace) -> Option<String> {
+    pub fn csv(&self, header: &Header) -> Option<String> {
         let Content::Telemetry { quantity, value } = &self.content else { return None };
         let nanos = self.at.as_nanos();
         let (seconds, rest) = (nanos / 1_000_000_000, nanos % 1_000_000_000);
-        let fields = [self.place.name(trace), quantity.as_str()].map(csv_field);
+        let fields = [self.place.name(header), quantity.as_str()].map(csv_field);
         Some(format!("{seconds}.{rest:09},{},{value}", fields.join(",")))
     }
 }
@@ -308,25 +316,6 @@ pub const CSV_HEADER: &str = "time_s,board,quantity,value";
 /// A field as RFC 4180 has it.
 fn csv_field(text: &str) -> String {
     if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_owned() }
-}
-
-/// What the filter shows of a trace, in order of time.
-pub fn rows(trace: &Trace, filter: &Filter) -> Vec<Row> {
-    let mut rows: Vec<Row> = trace.inputs.iter().map(|input| Row::of_input(trace, input)).collect();
-    let wanted = |fact: &&Fact| filter.kinds.contains(&Kind::Edges) || !matches!(fact, Fact::Edges { .. });
-    rows.extend(trace.facts.iter().filter(wanted).flat_map(|fact| Row::of_fact(trace, fact)));
-    if filter.kinds.contains(&Kind::Characters) || filter.kinds.contains(&Kind::Frames) {
-        let heard = decode::characters(trace);
-        rows.extend(heard.iter().map(Row::character));
-        rows.extend(dialect::messages(trace, &heard).into_iter().map(|message| Row {
-            at: message.at,
-            place: Place::Line(message.line),
-            content: Content::Message { text: message.text, flaw: message.flaw },
-        }));
-    }
-    rows.retain(|row| filter.shows(row));
-    rows.sort_by_key(|row| row.at);
-    rows
 }
 
 fn stimulus_text(stimulus: &Stimulus) -> String {
@@ -358,12 +347,12 @@ fn stimulus_text(stimulus: &Stimulus) -> String {
     }
 }
 
-fn disturbance_text(trace: &Trace, disturbance: &Disturbance) -> String {
+fn disturbance_text(header: &Header, disturbance: &Disturbance) -> String {
     match disturbance {
         Disturbance::Cut => "is cut".to_owned(),
         Disturbance::Stuck(Level::Low) => "is stuck low".to_owned(),
         Disturbance::Stuck(Level::High) => "is stuck high".to_owned(),
-        Disturbance::Short(other) => format!("touches {}", Place::Line(*other).name(trace)),
+        Disturbance::Short(other) => format!("touches {}", Place::Line(*other).name(header)),
         Disturbance::Noise { period, width, seed } => {
             format!("noise, a pulse of up to {width} every {period}, seed {seed}")
         }
