@@ -7,6 +7,7 @@
 
 mod channel;
 pub mod condition;
+pub mod control;
 pub mod engine;
 pub mod fault;
 pub mod live;

@@ -58,6 +58,8 @@ pub struct Brake {
     anchor: Option<(WallInstant, Instant)>,
     /// The silence that the anchor was dropped for, at [`Pace::Max`].
     silence: Option<Silence>,
+    /// Time stands still here.
+    paused: Option<Instant>,
     timer: AsyncFd<OwnedFd>,
 }
 
@@ -69,11 +71,35 @@ impl Brake {
     pub fn new(pace: Pace) -> io::Result<Self> {
         let flags = TimerfdFlags::NONBLOCK | TimerfdFlags::CLOEXEC;
         let timer = rustix::time::timerfd_create(TimerfdClockId::Monotonic, flags)?;
-        let anchor = match pace {
-            Pace::Times(_) => Some((wall_now(), Instant::START)),
+        let mut brake = Self { pace, anchor: None, silence: None, paused: None, timer: readable(timer)? };
+        brake.set_pace(pace, Instant::START);
+        Ok(brake)
+    }
+
+    /// Sets another pace, from `now` on. A pause stays one.
+    pub fn set_pace(&mut self, pace: Pace, now: Instant) {
+        self.pace = pace;
+        self.silence = None;
+        self.anchor = match pace {
+            Pace::Times(_) => Some((wall_now(), now)),
             Pace::Max => None,
         };
-        Ok(Self { pace, anchor, silence: None, timer: readable(timer)? })
+    }
+
+    /// Lets time go as far as `at`, at once, and stand still there.
+    pub fn pause(&mut self, at: Instant) {
+        self.paused = Some(at);
+    }
+
+    /// Lets time go on at its pace, from `now` on.
+    pub fn resume(&mut self, now: Instant) {
+        self.paused = None;
+        self.set_pace(self.pace, now);
+    }
+
+    /// Where time stands still, if it does.
+    pub const fn paused(&self) -> Option<Instant> {
+        self.paused
     }
 
     /// The pace.
@@ -83,6 +109,9 @@ impl Brake {
 
     /// The virtual instant that the wall clock stands for, if time is held back.
     pub fn now(&self) -> Option<Instant> {
+        if self.paused.is_some() {
+            return self.paused;
+        }
         let (wall, start) = self.anchor?;
         let elapsed = wall_now().duration_since(wall).as_nanos() as f64 * self.times();
         Some(start + Span::from_nanos(elapsed as u64))
@@ -90,6 +119,9 @@ impl Brake {
 
     /// How far time may go by now.
     pub fn limit(&self) -> Limit {
+        if let Some(paused) = self.paused {
+            return Limit::until(paused);
+        }
         match (self.pace, self.now()) {
             (Pace::Max, now) => Limit { until: Instant::NEVER, silence: now.unwrap_or(Instant::START) },
             (Pace::Times(_), now) => Limit::until(now.unwrap_or(Instant::START)),
@@ -99,7 +131,7 @@ impl Brake {
     /// At [`Pace::Max`]: the silence that a board waits for holds time back, from `frontier` on. Each silence is given
     /// its own time, however soon it follows on another.
     pub fn hold_for_silence(&mut self, silence: Option<Silence>, frontier: Instant) {
-        if self.pace == Pace::Max && silence != self.silence {
+        if self.pace == Pace::Max && self.paused.is_none() && silence != self.silence {
             self.silence = silence;
             self.anchor = silence.map(|_| (wall_now(), frontier));
         }
@@ -108,6 +140,9 @@ impl Brake {
     /// Time should have gone no further than `reached` by now. A host that is far behind starts anew from there; says
     /// by how much wall time.
     pub fn reached(&mut self, reached: Instant) -> Option<Duration> {
+        if self.paused.is_some() {
+            return None;
+        }
         let behind = Duration::from_secs_f64(self.now()?.since(reached).as_secs_f64() / self.times());
         if behind <= BEHIND {
             return None;
@@ -116,10 +151,11 @@ impl Brake {
         Some(behind)
     }
 
-    /// How long it takes until the wall clock stands for `instant`; for ever, if time is not held back.
+    /// How long it takes until the wall clock stands for `instant`; for ever, if time is not held back or stands
+    /// still.
     pub fn wall_until(&self, instant: Instant) -> Duration {
         match self.now() {
-            Some(now) if !instant.is_never() => {
+            Some(now) if !instant.is_never() && self.paused.is_none() => {
                 Duration::try_from_secs_f64(instant.since(now).as_secs_f64() / self.times()).unwrap_or(Duration::MAX)
             }
             _ => Duration::MAX,
@@ -127,12 +163,12 @@ impl Brake {
     }
 
     /// Waits until the wall clock stands for a virtual instant after `instant`; for ever, if time is not held back or
-    /// `instant` is never. Cancel-safe.
+    /// stands still, or `instant` is never. Cancel-safe.
     ///
     /// # Errors
     /// If the system refuses the timer.
     pub async fn wait_past(&self, instant: Instant) -> io::Result<()> {
-        let Some(now) = self.now().filter(|_| !instant.is_never()) else {
+        let Some(now) = self.now().filter(|_| !instant.is_never() && self.paused.is_none()) else {
             return std::future::pending().await;
         };
         let wall = (instant.next().since(now).as_nanos() as f64 / self.times()) as u64;

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use serde::{Deserialize, Serialize};
-use torno_protocol::board::{Board, Deadline, Description, Input, Output, Signal, Stimulus};
+use torno_protocol::board::{Board, Deadline, Description, Input, Output, Signal, Stimulus, Wait};
 use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{CHARACTER, ENQ, Fault, Frame, RATE, Refusal, Reply, Slave, XOFF, XON};
 use torno_protocol::time::{Instant, Span};
@@ -445,6 +445,7 @@ impl Board for Master {
             ports: ["pc", "spindle", "transverse", "depth"].map(str::to_owned).to_vec(),
             signals: ["frames_distributed", "frame_held", "slaves_busy"].map(|name| Signal::new(name, 0)).to_vec(),
             events: Event::TEXTS.map(str::to_owned).into_iter().chain(refusals).collect(),
+            waits: vec![Wait { signal: Quantity::SlavesBusy as u8, ports: vec![1, 2, 3] }],
         }
     }
 

@@ -176,6 +176,17 @@ pub struct Description {
     pub signals: Vec<Signal>,
     /// The events' texts; `{}` stands for the value, `{c}` for the value as a character.
     pub events: Vec<String>,
+    /// What tells which boards it waits for.
+    pub waits: Vec<Wait>,
+}
+
+/// A quantity whose bits tell what a board waits for.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Wait {
+    /// The quantity's place in [`Description::signals`].
+    pub signal: u8,
+    /// For each of its bits, from the lowest: the port whose other end is waited for while the bit is set.
+    pub ports: Vec<u8>,
 }
 
 /// A quantity in a board's telemetry.

@@ -163,7 +163,7 @@ impl<M: Machine<N, S>, const N: usize, const S: usize> Board for Slave<M, N, S> 
     fn description(&self) -> Description {
         // At power-on every quantity is 0: the firmware counts from where the axis stands.
         let signals = M::SIGNALS.iter().map(|name| Signal::new(name, 0)).collect();
-        Description { ports: vec!["master".to_owned()], signals, events: Event::texts() }
+        Description { ports: vec!["master".to_owned()], signals, events: Event::texts(), waits: Vec::new() }
     }
 
     fn receivers(&self) -> Vec<Receiver> {

@@ -1,6 +1,7 @@
 //! The command line.
 
 mod board;
+mod ctl;
 mod diff;
 mod replay;
 mod run;
@@ -61,6 +62,8 @@ enum Command {
     Run(run::Arguments),
     /// Launches a rig and keeps it up, with a serial port for your own PC program.
     Up(up::Arguments),
+    /// Looks into a rig that is up, breaks it, holds its time.
+    Ctl(ctl::Arguments),
     /// Is the PC on any serial port: sends a program, honours the hold, shows the replies.
     Send(send::Arguments),
     /// Runs scenarios: programs with faults, and what must hold.
@@ -88,6 +91,7 @@ pub(crate) fn main(started: Instant) -> ExitCode {
         match arguments.command {
             Command::Run(arguments) => arguments.run(started).await,
             Command::Up(arguments) => arguments.run().await,
+            Command::Ctl(arguments) => arguments.run(),
             Command::Send(arguments) => arguments.run(started).await,
             Command::Test(arguments) => arguments.run(),
             Command::Sweep(arguments) => arguments.run(),

@@ -1,15 +1,18 @@
 //! `torno up`
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use serde::Serialize;
+use torno::control::{Control, socket_beside};
+use torno::fault;
 use torno::live::Live;
 use torno::observe::log;
 use torno::pace::Pace;
 use torno::port::{LinkPath, PcPort};
 use torno::rig::file::{DEFAULT, RigFile};
+use torno::rig::names::Names;
 use torno::trace::Header;
 
 use super::{Interrupt, driver, print, start_recording};
@@ -31,6 +34,12 @@ pub(super) struct Arguments {
     /// Records everything that happens, for 'torno trace', 'torno replay' and 'torno diff'; overwrites a trace
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
+    /// Breaks what this file says: [[fault]] tables as in a scenario
+    #[arg(long, value_name = "FILE")]
+    faults: Option<PathBuf>,
+    /// Where to put the socket that 'torno ctl' steers it by [default: beside the link, RIG-control]
+    #[arg(long, value_name = "PATH")]
+    control: Option<PathBuf>,
     /// Prints where everything is as one line of JSON, when the rig is ready
     #[arg(long)]
     json: bool,
@@ -41,6 +50,7 @@ struct Ready<'a> {
     rig: &'a str,
     pace: serde_json::Value,
     ports: BTreeMap<&'static str, Port>,
+    control: &'a Path,
     pid: u32,
     boards: BTreeMap<&'a str, Board>,
 }
@@ -68,14 +78,21 @@ impl Arguments {
             Some(path) => LinkPath::Chosen(path),
             None => LinkPath::Default { rig: file.name.clone() },
         };
+        let names = Names::of(&file);
+        let faults = self.faults.as_deref().map_or(Ok(Vec::new()), |path| fault::load(path, &names))?;
         let port = PcPort::open(link, file.pc.baud)?;
+        let socket = self.control.unwrap_or_else(|| socket_beside(port.link()));
+        let control = Control::open(&socket)?;
+        let socket = control.path().to_owned();
         let header = Header::new(&file, rig, 0, None);
         let recorder = self.record.as_deref().map(|path| start_recording(path, &header)).transpose()?;
         let mut live = Live::start(&file, &driver(self.in_process)?, self.pace, port).await?;
         if let Some(recorder) = recorder {
             live.record(recorder);
         }
-        print(&announcement(&file, &live, self.pace, self.json)?)?;
+        live.plan(&faults);
+        live.steer(control, header, names);
+        print(&announcement(&file, &live, &socket, self.pace, self.json)?)?;
         tokio::select! {
             ended = live.run() => match ended? {},
             () = interrupt.received() => {}
@@ -85,11 +102,14 @@ impl Arguments {
             // Who cannot wait for a board that does not answer has a trace without an end.
             () = interrupt.received() => {}
         }
+        for name in live.unfired() {
+            tracing::warn!("the fault '{name}' has broken nothing");
+        }
         Ok(ExitCode::SUCCESS)
     }
 }
 
-fn announcement(file: &RigFile, live: &Live, pace: Pace, json: bool) -> anyhow::Result<String> {
+fn announcement(file: &RigFile, live: &Live, control: &Path, pace: Pace, json: bool) -> anyhow::Result<String> {
     let boards = live.rig().nodes().iter().filter(|node| node.name != "pc");
     let boards = boards.map(|node| (node.name.as_str(), node.pid.unwrap_or_else(std::process::id)));
     let (link, baud) = (live.port().link(), file.pc.baud);
@@ -103,6 +123,7 @@ fn announcement(file: &RigFile, live: &Live, pace: Pace, json: bool) -> anyhow::
                 Pace::Max => "max".into(),
             },
             ports: BTreeMap::from([("pc", port)]),
+            control,
             pid: std::process::id(),
             boards: boards.map(|(name, pid)| (name, Board { pid })).collect(),
         };
@@ -110,11 +131,14 @@ fn announcement(file: &RigFile, live: &Live, pace: Pace, json: bool) -> anyhow::
     }
     let boards: Vec<String> = boards.map(|(name, pid)| format!("{name} {pid}")).collect();
     let link = link.display();
+    let usual = control == torno::port::default_folder().join(format!("{DEFAULT}-control"));
+    let ctl = if usual { "torno ctl".to_owned() } else { format!("torno ctl --socket {}", control.display()) };
     Ok(format!(
         "{} is up at pace {pace}: {}\n\
          PC port   {link}  ({baud} baud, 8N1)\n\
          attach    picocom -b {baud} {link}\n\
          or        torno send PROGRAM --port {link}\n\
+         look      {ctl} state\n\
          Ctrl-C ends it.\n",
         file.name,
         boards.join(", "),

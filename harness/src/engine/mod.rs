@@ -23,9 +23,10 @@ use torno_protocol::record::{Batch, Heard, Silence, Timed, Turn};
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::Ear;
 
-use node::{Life, Node};
+use node::Node;
 use wire::{Passed, Wire};
 
+pub use node::Life;
 pub use wire::{Disturbance, Tampering};
 
 /// Boards that are needed within this span of one another are woken together.
@@ -172,6 +173,11 @@ impl Limit {
     /// Up to `until`.
     pub const fn until(until: Instant) -> Self {
         Self { until, silence: Instant::NEVER }
+    }
+
+    /// The same, but no further than `until`, if that is said.
+    pub fn earlier(self, until: Option<Instant>) -> Self {
+        Self { until: until.map_or(self.until, |until| until.min(self.until)), ..self }
     }
 }
 
@@ -429,6 +435,17 @@ impl Engine {
             self.hear(node, Heard::Stimulus { at, stimulus: Stimulus::Hang(false) });
         }
         at
+    }
+
+    /// What has become of a board's process.
+    pub fn life(&self, node: NodeId) -> Life {
+        self.nodes[node].life
+    }
+
+    /// What is at the other end of the line that a port sends on, or else of the one that it hears.
+    pub fn other_end(&self, end: End) -> Option<End> {
+        let sends = self.lines.iter().find(|wire| wire.from == end).map(|wire| wire.to);
+        sends.or_else(|| self.lines.iter().find(|wire| wire.to == end).map(|wire| wire.from))
     }
 
     /// The end of what a board has told. Of one that is mute, stopped or gone this can lie before what is settled.

@@ -14,12 +14,25 @@ const WATCH_AHEAD: Span = Span::from_secs(1);
 /// So much is kept of what a stopped board hears on a port: at the beginning, and again at the end.
 const KEPT: usize = 32;
 
+/// What has become of a board's process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Life {
+pub enum Life {
+    /// It runs.
     Runs,
-    /// Its process has been stopped; it may go on.
+    /// It has been stopped; it may go on.
     Stopped,
+    /// It is no more.
     Gone,
+}
+
+impl std::fmt::Display for Life {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Runs => "runs",
+            Self::Stopped => "stopped",
+            Self::Gone => "gone",
+        })
+    }
 }
 
 #[derive(Debug)]

@@ -26,6 +26,11 @@ impl Telemetry {
         }
     }
 
+    /// The values of a board's quantities, in the order of its description.
+    pub fn values(&self, node: NodeId) -> Vec<i64> {
+        self.nodes[node].iter().map(|(_, value)| *value).collect()
+    }
+
     /// The quantities of a board.
     pub fn of(&self, node: NodeId) -> BTreeMap<String, i64> {
         self.nodes[node].iter().cloned().collect()

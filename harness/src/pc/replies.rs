@@ -34,8 +34,8 @@ impl Replies {
         self.heard.len()
     }
 
-    /// Forgets those that have come before `at`.
-    pub fn forget_before(&mut self, at: Instant) {
-        self.heard.retain(|(heard, _)| *heard >= at);
+    /// Forgets all but the last `n`.
+    pub fn keep_last(&mut self, n: usize) {
+        self.heard.drain(..self.heard.len().saturating_sub(n));
     }
 }

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::ops::RangeInclusive;
 
-use torno_protocol::board::{Board, Deadline, Description, Input, Output, Signal, Stimulus};
+use torno_protocol::board::{Board, Deadline, Description, Input, Output, Signal, Stimulus, Wait};
 use torno_protocol::clock::{Clock, Rate};
 use torno_protocol::time::Instant;
 use torno_protocol::uart::{Character, Receiver, Transmitter};
@@ -187,6 +187,7 @@ impl<P: PcProgram> Board for PcUart<P> {
             ports: vec!["cable".to_owned()],
             signals: vec![Signal::new("stopped", 0)],
             events: PcEvent::TEXTS.map(str::to_owned).to_vec(),
+            waits: vec![Wait { signal: STOPPED, ports: vec![0] }],
         }
     }
 

@@ -100,7 +100,9 @@ impl Drop for Link {
     }
 }
 
-fn default_folder() -> PathBuf {
+/// The folder of default links, the current user's own: `$XDG_RUNTIME_DIR/torno`, or `/tmp/torno-<uid>` without that
+/// variable.
+pub fn default_folder() -> PathBuf {
     match env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from) {
         Some(runtime) if runtime.is_absolute() => runtime.join("torno"),
         _ => PathBuf::from(format!("/tmp/torno-{}", geteuid().as_raw())),

@@ -16,7 +16,7 @@ use std::time::Duration;
 
 use rustix::thread::CpuSet;
 use tokio::signal::unix::{Signal, SignalKind, signal};
-use torno_protocol::board::{Description, Stimulus};
+use torno_protocol::board::{Description, Stimulus, Wait};
 use torno_protocol::clock::Clock;
 use torno_protocol::record::{FromBoard, Setup, ToBoard, Turn, VERSION};
 use torno_protocol::stepping::{BrokenPromise, Stepper};
@@ -311,6 +311,18 @@ impl Rig {
     /// The names of the lines, in the order of the engine's numbers.
     pub fn lines(&self) -> &[String] {
         &self.lines
+    }
+
+    /// The boards that a board waits for, if its quantities have these values.
+    pub fn waits_for(&self, node: NodeId, values: &[i64]) -> Vec<String> {
+        let mut names = Vec::new();
+        for Wait { signal, ports } in &self.nodes[node].description.waits {
+            let value = values.get(usize::from(*signal)).copied().unwrap_or_default();
+            let set = ports.iter().enumerate().filter(|(bit, _)| value >> bit & 1 == 1);
+            let others = set.filter_map(|(_, port)| self.engine.other_end(End { node, port: *port }));
+            names.extend(others.map(|end| self.nodes[end.node].name.clone()));
+        }
+        names
     }
 
     /// The PC's number.

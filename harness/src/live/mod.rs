@@ -1,5 +1,7 @@
 //! Keeps a rig up, with a PC port that anybody's software may open.
 
+mod steering;
+
 use std::io;
 use std::time::Duration;
 
@@ -8,13 +10,15 @@ use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::BITS_PER_CHARACTER;
 
 use crate::engine::{Fact, Limit};
+use crate::fault::Faults;
 use crate::observe::{Digest, log};
 use crate::pace::{Brake, Pace, Second};
-use crate::pc::{PcEvent, PcUart, STOPPED};
+use crate::pc::{PcEvent, PcUart, Replies, STOPPED};
 use crate::port::{LineSettings, PcPort, PortEvent};
 use crate::rig::file::RigFile;
 use crate::rig::{Driver, Rig, RigError};
 use crate::trace::{End, Recorder, RecordingError};
+use steering::{Steering, next_call};
 
 /// So many of the client's bytes wait in the driver at the most. Its settings are read with each helping, so a new
 /// speed holds at most this many characters late.
@@ -26,6 +30,8 @@ const SLICE_MIN: Span = Span::from_millis(1);
 /// Boards that nothing reaches are brought up to date this often, so that none has long to catch up when something
 /// does.
 const KEEP_UP: Span = Span::from_secs(10);
+/// So many replies are remembered for the faults that wait for one.
+const REPLIES: usize = 16;
 
 /// A rig with an open PC port.
 pub struct Live {
@@ -43,6 +49,10 @@ pub struct Live {
     reached: Instant,
     kept_up: Instant,
     recording: Option<Recording>,
+    faults: Faults,
+    /// What the client has heard lately: faults may begin with a reply.
+    replies: Replies,
+    steering: Option<Steering>,
 }
 
 struct Recording {
@@ -86,6 +96,9 @@ impl Live {
             reached: Instant::START,
             kept_up: Instant::START,
             recording: None,
+            faults: Faults::default(),
+            replies: Replies::default(),
+            steering: None,
         })
     }
 
@@ -130,7 +143,7 @@ impl Live {
     pub async fn run(&mut self) -> Result<std::convert::Infallible, LiveError> {
         loop {
             let allowed = self.brake.limit();
-            let limit = self.slice(allowed);
+            let limit = self.slice(allowed).earlier(self.faults.next());
             while self.rig.step(limit).await? {
                 self.deliver()?;
                 // Whatever may end this must have its turn, even if all boards are in this process.
@@ -138,8 +151,10 @@ impl Live {
             }
             self.reached = limit.until;
             self.deliver()?;
+            self.faults.go_on(&mut self.rig, limit.until);
+            self.tell();
             self.hold_for_silence();
-            let took = self.take_waiting()?;
+            let took = self.take_waiting()? | self.obey_all().await?;
             if !took && limit == allowed {
                 self.wait().await?;
             } else {
@@ -167,6 +182,7 @@ impl Live {
                 let now = self.brake.now().unwrap_or(self.now());
                 self.take(event?, now)?;
             }
+            call = next_call(&mut self.steering) => self.obey(call).await?,
         }
         Ok(())
     }
@@ -222,6 +238,7 @@ impl Live {
 
     fn next_instant(&self) -> Instant {
         let next = self.rig.engine().next_instant();
+        let next = self.faults.next().map_or(next, |worse| worse.min(next));
         if self.brake.pace() == Pace::Max { next } else { next.min(self.kept_up + KEEP_UP) }
     }
 
@@ -246,7 +263,38 @@ impl Live {
             facts.iter().for_each(|fact| digest.add(fact));
             recorder.note(&inputs, &facts, self.rig.engine().frontier())?;
         }
+        if let Some(steering) = &mut self.steering {
+            steering.note(&inputs, &facts);
+        }
+        self.begin_faults(&facts);
         Ok(facts)
+    }
+
+    /// Begins the faults that have waited for something that has happened.
+    fn begin_faults(&mut self, facts: &[Fact]) {
+        for fact in facts {
+            if let Fact::Event { node, at, event, value } = fact
+                && *node == self.rig.pc()
+                && let Some(PcEvent::Received(byte)) = PcEvent::from_numbers(*event, *value)
+            {
+                self.replies.hear(*at, byte);
+            }
+        }
+        for hit in self.rig.take_hits() {
+            if let Some((name, since)) = self.faults.see(&mut self.rig, hit, &self.replies) {
+                log::set_time(since);
+                tracing::warn!("fault '{name}' begins");
+            }
+        }
+        self.replies.keep_last(REPLIES);
+    }
+
+    /// Tells those who watch what is settled.
+    fn tell(&mut self) {
+        let now = self.now();
+        if let Some(steering) = &mut self.steering {
+            steering.tell(now);
+        }
     }
 
     /// Hands the client what has come for it.
@@ -281,7 +329,7 @@ impl Live {
 
     /// How far time has gone; what comes from the client follows on that.
     fn now(&self) -> Instant {
-        if self.brake.pace() == Pace::Max { self.rig.engine().frontier() } else { self.reached }
+        if self.reached.is_never() { self.rig.engine().frontier() } else { self.reached }
     }
 
     fn take(&mut self, event: PortEvent, at: Instant) -> Result<(), LiveError> {

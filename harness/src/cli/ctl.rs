@@ -1,0 +1,266 @@
+//! `torno ctl`
+
+use std::fmt::Write as _;
+use std::io::{self, BufRead, BufReader, Write};
+use std::os::unix::net::UnixStream;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::{Context, bail};
+use serde_json::Value;
+use torno::control::{Begun, Done, Form, Request, State};
+use torno::fault::{BOARD_KINDS, LINE_KINDS};
+use torno::port::default_folder;
+use torno::rig::file::DEFAULT;
+use torno::text::nearest;
+use torno_protocol::time::Instant;
+
+use super::{USAGE, colour, print};
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// The rig, at its usual place
+    #[arg(long, default_value = DEFAULT, value_name = "NAME", global = true)]
+    rig: String,
+    /// The control socket that 'torno up' has announced, instead
+    #[arg(long, value_name = "PATH", conflicts_with = "rig", global = true)]
+    socket: Option<PathBuf>,
+    /// Prints the answer as JSON, as the rig gives it
+    #[arg(long, global = true)]
+    json: bool,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Command {
+    /// Shows boards, telemetry, who waits for whom, and the faults that last
+    State,
+    /// Breaks a line or a board, in the words of scenario files
+    Fault(Box<FaultArguments>),
+    /// Ends a fault, or disarms one that waits for something
+    Heal {
+        /// What 'fault' has called it
+        name: String,
+    },
+    /// Switches a board's supply
+    Power {
+        /// The board
+        board: String,
+        /// On or off
+        #[arg(value_parser = ["on", "off"])]
+        switch: String,
+    },
+    /// Lets time stand still
+    Pause,
+    /// Lets time go on
+    Resume,
+    /// Lets time go on for a while, at once, and then stand still
+    Step {
+        /// How long, as '10 ms'
+        span: String,
+    },
+    /// Sets how fast time goes
+    Pace {
+        /// Virtual seconds per second, or 'max'
+        pace: String,
+    },
+    /// Prints what happens from now on, until it is ended
+    Watch {
+        /// Only this line, as 'pc_to_master'; may be repeated, and joined with --board
+        #[arg(long, value_name = "NAME")]
+        line: Vec<String>,
+        /// Only this board; may be repeated, and joined with --line
+        #[arg(long, value_name = "NAME")]
+        board: Vec<String>,
+        /// Only edges, characters, frames, telemetry, events or inputs; may be repeated [default: all but edges]
+        #[arg(long, value_name = "KIND")]
+        kind: Vec<String>,
+    },
+}
+
+#[derive(Debug, clap::Args)]
+struct FaultArguments {
+    /// What: cut, stuck-low, stuck-high, short, noise, flip, delay, drop, double (lines); crash, hang, reset,
+    /// power-off, brown-out, slow, clock, drift, counts, stall, load, supply, backlash, end-stop (boards)
+    kind: String,
+    /// Which line or board
+    place: String,
+    /// How much, for those that need it: 10, '2 %', '5 ms'
+    #[arg(allow_hyphen_values = true)]
+    value: Option<String>,
+    /// How long it lasts, as '100 ms' [default: until it is healed]
+    #[arg(long, value_name = "TIME")]
+    r#for: Option<String>,
+    /// What to call it [default: PLACE KIND]
+    #[arg(long)]
+    name: Option<String>,
+    /// When it begins, as in a scenario: '{ reply = "XON" }' [default: now]
+    #[arg(long, value_name = "CONDITION")]
+    when: Option<String>,
+    /// The other line, of a short
+    #[arg(long, value_name = "LINE")]
+    with: Option<String>,
+    /// Which character from now on (flip, delay, drop, double)
+    #[arg(long, value_name = "N")]
+    nth: Option<i64>,
+    /// Which edge of it (delay)
+    #[arg(long, value_name = "N")]
+    edge: Option<i64>,
+    /// The mean time between pulses (noise)
+    #[arg(long, value_name = "TIME")]
+    period: Option<String>,
+    /// How long a pulse lasts at the most (noise)
+    #[arg(long, value_name = "TIME")]
+    width: Option<String>,
+}
+
+impl FaultArguments {
+    /// The fault as a scenario would say it.
+    fn toml(&self) -> anyhow::Result<String> {
+        let place = match self.kind.as_str() {
+            kind if LINE_KINDS.contains(&kind) => "line",
+            kind if BOARD_KINDS.contains(&kind) => "board",
+            kind => bail!("there is no fault '{kind}'{}", nearest(kind, &[&LINE_KINDS[..], &BOARD_KINDS].concat())),
+        };
+        let mut table = toml::Table::new();
+        let mut put = |field: &str, value: Option<toml::Value>| {
+            if let Some(value) = value {
+                table.insert(field.to_owned(), value);
+            }
+        };
+        let text = |text: &Option<String>| text.clone().map(toml::Value::String);
+        let number =
+            |text: &String| text.parse().map_or_else(|_| toml::Value::String(text.clone()), toml::Value::Integer);
+        put(place, Some(self.place.clone().into()));
+        put("kind", Some(self.kind.clone().into()));
+        put("value", self.value.as_ref().map(number));
+        put("for", text(&self.r#for));
+        put("name", text(&self.name));
+        put("with", text(&self.with));
+        put("nth", self.nth.map(toml::Value::Integer));
+        put("edge", self.edge.map(toml::Value::Integer));
+        put("period", text(&self.period));
+        put("width", text(&self.width));
+        if let Some(when) = &self.when {
+            let of_file: Result<toml::Table, _> = toml::from_str(&format!("when = {when}"));
+            let wrong = "--when: expected a condition as scenarios have it, as '{ reply = \"XON\" }'";
+            put("when", Some(of_file.ok().and_then(|mut table| table.remove("when")).context(wrong)?));
+        }
+        Ok(toml::to_string(&table)?)
+    }
+}
+
+impl Command {
+    fn request(&self, json: bool) -> anyhow::Result<Request> {
+        Ok(match self {
+            Self::State => Request::State,
+            Self::Fault(fault) => Request::Fault { fault: fault.toml()? },
+            Self::Heal { name } => Request::Heal { name: name.clone() },
+            Self::Power { board, switch } => Request::Power { board: board.clone(), on: switch == "on" },
+            Self::Pause => Request::Pause,
+            Self::Resume => Request::Resume,
+            Self::Step { span } => Request::Step { span: span.clone() },
+            Self::Pace { pace } => Request::Pace { pace: pace.clone() },
+            Self::Watch { line, board, kind } => {
+                let form = match () {
+                    () if json => Form::Json,
+                    () if colour() => Form::Colour,
+                    () => Form::Text,
+                };
+                Request::Watch { lines: line.clone(), boards: board.clone(), kinds: kind.clone(), form }
+            }
+        })
+    }
+
+    /// The answer for people.
+    fn text(&self, answer: Value) -> anyhow::Result<String> {
+        let at = |ns: u64| Instant::from_nanos(ns);
+        Ok(match self {
+            Self::State => state_text(&serde_json::from_value(answer)?)?,
+            Self::Fault(_) => match serde_json::from_value(answer)? {
+                Begun { name, since: Some(since) } => format!("fault '{name}' begins at {}\n", at(since)),
+                Begun { name, since: None } => format!("fault '{name}' lies in wait\n"),
+            },
+            Self::Watch { .. } => String::new(),
+            _ => {
+                let Done { ns } = serde_json::from_value(answer)?;
+                format!("at {}\n", at(ns))
+            }
+        })
+    }
+}
+
+impl Arguments {
+    pub(super) fn run(self) -> anyhow::Result<ExitCode> {
+        let request = self.command.request(self.json)?;
+        let path = self.socket.unwrap_or_else(|| default_folder().join(format!("{}-control", self.rig)));
+        let socket = UnixStream::connect(&path)
+            .with_context(|| format!("no rig is to be steered at {} (is 'torno up' running?)", path.display()))?;
+        let mut line = serde_json::to_string(&request)?;
+        line.push('\n');
+        (&socket).write_all(line.as_bytes()).context("the rig does not listen")?;
+        let mut answers = BufReader::new(socket);
+        line.clear();
+        answers.read_line(&mut line).context("the rig does not answer")?;
+        if line.is_empty() {
+            bail!("the rig has ended");
+        }
+        let mut answer: Value = serde_json::from_str(&line).context("the rig does not answer in our words")?;
+        if let Some(error) = answer.get("error").and_then(Value::as_str) {
+            eprintln!("torno: {error}");
+            return Ok(ExitCode::from(USAGE));
+        }
+        let watches = matches!(self.command, Command::Watch { .. });
+        match answer.get_mut("ok").map(Value::take) {
+            Some(ok) if self.json && !watches => print(&format!("{ok}\n"))?,
+            Some(ok) => print(&self.command.text(ok)?)?,
+            None => bail!("the rig does not answer in our words"),
+        }
+        if watches {
+            follow(answers)?;
+        }
+        Ok(ExitCode::SUCCESS)
+    }
+}
+
+/// Prints what follows, as it comes. That nobody reads it ends it, and is no error.
+fn follow(answers: BufReader<UnixStream>) -> anyhow::Result<()> {
+    for line in answers.lines() {
+        let line = line.context("the rig is lost")?;
+        match writeln!(io::stdout(), "{line}").and_then(|()| io::stdout().flush()) {
+            Err(error) if error.kind() == io::ErrorKind::BrokenPipe => return Ok(()),
+            written => written.context("cannot write the result")?,
+        }
+    }
+    Ok(())
+}
+
+fn state_text(state: &State) -> anyhow::Result<String> {
+    let mut text = String::new();
+    let paused = if state.paused { ", time stands still" } else { "" };
+    writeln!(text, "{} at {}, pace {}{paused}\n", state.rig, Instant::from_nanos(state.ns), state.pace)?;
+    let width = |heading: &str, of: &dyn Fn(&torno::control::BoardState) -> String| {
+        state.boards.iter().map(|board| of(board).chars().count()).chain([heading.len()]).max().unwrap_or_default()
+    };
+    let waits = |board: &torno::control::BoardState| match &board.waits_for[..] {
+        [] => "-".to_owned(),
+        names => names.join(", "),
+    };
+    let (names, waiting) = (width("board", &|board| board.name.clone()), width("waits for", &waits));
+    writeln!(text, "{:<names$}  {:>7}  {:<7}  {:<waiting$}  telemetry", "board", "pid", "process", "waits for")?;
+    for board in &state.boards {
+        let telemetry: Vec<String> = board.telemetry.iter().map(|(name, value)| format!("{name} {value}")).collect();
+        let (name, pid, process, waits) = (&board.name, board.pid, &board.process, waits(board));
+        writeln!(text, "{name:<names$}  {pid:>7}  {process:<7}  {waits:<waiting$}  {}", telemetry.join(", "))?;
+    }
+    for (n, fault) in state.faults.iter().enumerate() {
+        let since = match fault.since {
+            Some(since) => format!("since {}", Instant::from_nanos(since)),
+            None => "lies in wait".to_owned(),
+        };
+        let until = fault.until.map_or_else(String::new, |until| format!(", until {}", Instant::from_nanos(until)));
+        writeln!(text, "{}fault '{}' {since}{until}", if n == 0 { "\n" } else { "" }, fault.name)?;
+    }
+    Ok(text)
+}

@@ -1,0 +1,144 @@
+//! Steering a rig that runs: its control socket, and what is said over it.
+//!
+//! The socket is a Unix one (mode 0600) that serves nobody but the user who runs the rig. Both ways go lines of JSON: a
+//! request ([`Request`]) is answered by one line, `{"ok": ...}` or `{"error": "..."}`. After [`Request::Watch`] is
+//! answered, lines of what happens follow, as `torno trace` shows them, until the socket is closed; if its reader is
+//! too slow, `{"lost": n}` stands for `n` of them.
+//!
+//! `torno ctl` is one client; `socat - UNIX-CONNECT:PATH` is another.
+
+mod path;
+mod server;
+
+pub use path::socket_beside;
+pub use server::{Answer, Call, Control, ControlError};
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+/// What is asked of a rig that runs.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "do", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Request {
+    /// How it is: answered by a [`State`].
+    State,
+    /// Something breaks: `fault` is what would stand under `[[fault]]` in a scenario (TOML). Answered by [`Begun`].
+    Fault {
+        /// The fault.
+        fault: String,
+    },
+    /// The fault of this name ends, or will not begin. Answered by [`Done`].
+    Heal {
+        /// Which.
+        name: String,
+    },
+    /// The supply of a board is gone or back. Answered by [`Done`].
+    Power {
+        /// The board.
+        board: String,
+        /// Whether it is on.
+        on: bool,
+    },
+    /// Time stands still. Answered by [`Done`].
+    Pause,
+    /// Time goes on. Answered by [`Done`].
+    Resume,
+    /// Time goes on for so long (`10 ms`), at once, and then stands still. Answered by [`Done`] when it does.
+    Step {
+        /// How long.
+        span: String,
+    },
+    /// How fast time goes: virtual seconds per second, or `max`. Answered by [`Done`].
+    Pace {
+        /// The pace.
+        pace: String,
+    },
+    /// What happens from now on, a line each. Answered by [`Done`].
+    Watch {
+        /// These lines; none and no boards: all.
+        #[serde(default)]
+        lines: Vec<String>,
+        /// These boards; none and no lines: all.
+        #[serde(default)]
+        boards: Vec<String>,
+        /// These kinds of rows, as `torno trace --kind` has them; none: all but edges.
+        #[serde(default)]
+        kinds: Vec<String>,
+        /// In which form.
+        #[serde(default)]
+        form: Form,
+    },
+}
+
+/// The form of what a watch tells.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Form {
+    /// A JSON object a line.
+    #[default]
+    Json,
+    /// Text.
+    Text,
+    /// Text with colours.
+    Colour,
+}
+
+/// Something has been done.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Done {
+    /// When, in virtual nanoseconds: the instant from which it holds.
+    pub ns: u64,
+}
+
+/// A fault has begun, or lies in wait.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Begun {
+    /// What it is called, to be healed by.
+    pub name: String,
+    /// Since when, in virtual nanoseconds; none if it still waits for something.
+    pub since: Option<u64>,
+}
+
+/// How a rig is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct State {
+    /// The rig's name.
+    pub rig: String,
+    /// How far time has gone, in virtual nanoseconds.
+    pub ns: u64,
+    /// Virtual seconds per second, or `max`.
+    pub pace: String,
+    /// Time stands still.
+    pub paused: bool,
+    /// The boards, and last the PC.
+    pub boards: Vec<BoardState>,
+    /// Faults that last, or wait for something.
+    pub faults: Vec<FaultState>,
+}
+
+/// How a board is.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct BoardState {
+    /// Its name.
+    pub name: String,
+    /// Its process.
+    pub pid: u32,
+    /// Its process runs, is stopped, or has died.
+    pub process: String,
+    /// The boards that it waits for.
+    pub waits_for: Vec<String>,
+    /// Its quantities.
+    pub telemetry: BTreeMap<String, i64>,
+}
+
+/// A fault that lasts, or waits for something.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FaultState {
+    /// Its name.
+    pub name: String,
+    /// Since when, in virtual nanoseconds; none if it still waits for something.
+    pub since: Option<u64>,
+    /// When it ends by itself, in virtual nanoseconds.
+    pub until: Option<u64>,
+}

@@ -1,0 +1,205 @@
+//! The rig's side of the control socket.
+
+use std::io;
+use std::os::unix::fs::FileTypeExt;
+use std::path::{Path, PathBuf};
+
+use rustix::fd::OwnedFd;
+use rustix::fs::Mode;
+use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType};
+use rustix::process::geteuid;
+use serde::Serialize;
+use serde_json::json;
+use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
+use tokio::net::{UnixListener, UnixStream};
+use tokio::sync::{mpsc, oneshot};
+use tokio::task::JoinHandle;
+
+use super::Request;
+
+/// Clients that have been accepted by the kernel and not by us.
+const BACKLOG: i32 = 16;
+/// Requests that wait for the rig.
+const WAITING: usize = 16;
+/// Lines that wait for a client who watches. Whoever is slower loses some.
+const ROWS: usize = 1024;
+
+/// Why there is no control socket.
+#[derive(Debug, thiserror::Error)]
+pub enum ControlError {
+    /// Another rig has it.
+    #[error("a rig is already steered at {}: choose another place with --control", path.display())]
+    Busy {
+        /// The socket.
+        path: PathBuf,
+    },
+    /// Something else is there.
+    #[error("{} already exists and is no socket: remove it or choose another place with --control", path.display())]
+    Exists {
+        /// What is there.
+        path: PathBuf,
+    },
+    /// The system refuses it.
+    #[error("cannot make the control socket {}: {cause}; choose another place with --control", path.display())]
+    Refused {
+        /// The socket.
+        path: PathBuf,
+        /// What the system said.
+        cause: io::Error,
+    },
+}
+
+/// A request, and where its answer goes.
+#[derive(Debug)]
+pub struct Call {
+    /// What is asked.
+    pub request: Request,
+    /// Its answer; dropped, it says that the rig has ended.
+    pub answer: Answer,
+    /// Where lines go that follow on the answer.
+    pub rows: mpsc::Sender<String>,
+}
+
+/// The way of an answer to the client.
+#[derive(Debug)]
+pub struct Answer(oneshot::Sender<String>);
+
+impl Answer {
+    /// Answers. That the client has gone is no error.
+    pub fn give<T: Serialize, E: std::fmt::Display>(self, result: Result<T, E>) {
+        let answer = match result {
+            Ok(value) => json!({ "ok": value }),
+            Err(error) => json!({ "error": error.to_string() }),
+        };
+        self.0.send(answer.to_string()).ok();
+    }
+}
+
+/// The control socket of a rig that runs. Dropped, it is gone.
+#[derive(Debug)]
+pub struct Control {
+    path: PathBuf,
+    calls: mpsc::Receiver<Call>,
+    accepting: JoinHandle<()>,
+}
+
+impl Control {
+    /// Opens the socket for the current user. One that nobody listens to is replaced.
+    ///
+    /// # Errors
+    /// [`ControlError`]: what to do.
+    ///
+    /// # Panics
+    /// Outside a tokio runtime with I/O enabled.
+    pub fn open(path: &Path) -> Result<Self, ControlError> {
+        let refused = |cause: io::Error| ControlError::Refused { path: path.to_owned(), cause };
+        // Absolute, so that it is still found when it is to be removed.
+        let path = std::path::absolute(path).map_err(refused)?;
+        if let Ok(there) = std::fs::symlink_metadata(&path) {
+            if !there.file_type().is_socket() {
+                return Err(ControlError::Exists { path });
+            }
+            if std::os::unix::net::UnixStream::connect(&path).is_ok() {
+                return Err(ControlError::Busy { path });
+            }
+            std::fs::remove_file(&path).map_err(refused)?;
+        }
+        let socket = std::os::unix::net::UnixListener::from(bound(&path).map_err(refused)?);
+        let listener = UnixListener::from_std(socket).map_err(refused)?;
+        let (sender, calls) = mpsc::channel(WAITING);
+        Ok(Self { path, calls, accepting: tokio::spawn(accept(listener, sender)) })
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Waits for the next request. Cancel-safe.
+    pub async fn call(&mut self) -> Call {
+        match self.calls.recv().await {
+            Some(call) => call,
+            // It cannot end before we do.
+            None => std::future::pending().await,
+        }
+    }
+
+    /// A request that has come.
+    pub fn try_call(&mut self) -> Option<Call> {
+        self.calls.try_recv().ok()
+    }
+}
+
+impl Drop for Control {
+    fn drop(&mut self) {
+        self.accepting.abort();
+        // Nobody is left to tell if this fails; the next rig replaces a socket that nobody listens to.
+        std::fs::remove_file(&self.path).ok();
+    }
+}
+
+/// A listening socket that has its mode before it has its name.
+fn bound(path: &Path) -> io::Result<OwnedFd> {
+    let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
+    let socket = rustix::net::socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None)?;
+    rustix::fs::fchmod(&socket, Mode::RUSR | Mode::WUSR)?;
+    rustix::net::bind(&socket, &SocketAddrUnix::new(path)?)?;
+    rustix::net::listen(&socket, BACKLOG)?;
+    Ok(socket)
+}
+
+async fn accept(listener: UnixListener, calls: mpsc::Sender<Call>) {
+    loop {
+        match listener.accept().await {
+            Ok((stream, _)) if is_ours(&stream) => {
+                let calls = calls.clone();
+                tokio::spawn(async move {
+                    if let Err(error) = serve(stream, calls).await {
+                        tracing::debug!(%error, "a client of the control socket is lost");
+                    }
+                });
+            }
+            Ok(_) => tracing::warn!("another user at the control socket is turned away"),
+            Err(error) => {
+                tracing::warn!(%error, "the control socket cannot be used any more");
+                return;
+            }
+        }
+    }
+}
+
+fn is_ours(stream: &UnixStream) -> bool {
+    let ours = geteuid().as_raw();
+    stream.peer_cred().is_ok_and(|peer| peer.uid() == ours || peer.uid() == 0)
+}
+
+async fn serve(stream: UnixStream, calls: mpsc::Sender<Call>) -> io::Result<()> {
+    let (reading, mut writing) = stream.into_split();
+    let mut requests = BufReader::new(reading).lines();
+    let (rows, mut to_tell) = mpsc::channel::<String>(ROWS);
+    loop {
+        let line = tokio::select! {
+            line = requests.next_line() => line?,
+            Some(row) = to_tell.recv() => {
+                writing.write_all((row + "\n").as_bytes()).await?;
+                continue;
+            }
+        };
+        let Some(line) = line else { return Ok(()) };
+        if line.trim().is_empty() {
+            continue;
+        }
+        let answer = match serde_json::from_str::<Request>(&line) {
+            Ok(request) => {
+                let (answer, answered) = oneshot::channel();
+                let call = Call { request, answer: Answer(answer), rows: rows.clone() };
+                if calls.send(call).await.is_err() {
+                    return Ok(());
+                }
+                answered.await.unwrap_or_else(|_| json!({ "error": "the rig has ended" }).to_string())
+            }
+            Err(error) => json!({ "error": format!("expected a request: {error}") }).to_string(),
+        };
+        writing.write_all((answer + "\n").as_bytes()).await?;
+    }
+}

@@ -1,0 +1,283 @@
+//! A live rig at its control socket: does what it is asked, and tells what happens to those who watch.
+
+use serde::Serialize;
+use tokio::sync::mpsc::{self, error::TrySendError};
+use torno_protocol::board::Stimulus;
+use torno_protocol::time::Instant;
+
+use super::{Live, LiveError};
+use crate::control::{Answer, Begun, BoardState, Call, Control, Done, FaultState, Form, Request, State};
+use crate::engine::Fact;
+use crate::fault::{Planned, RawFault, Trigger, parse_span};
+use crate::observe::Telemetry;
+use crate::pace::Pace;
+use crate::rig::names::Names;
+use crate::rig::{Input, Rig, What};
+use crate::text::{Invalid, nearest, of_toml};
+use crate::trace::Header;
+use crate::trace::analyser::Analyser;
+use crate::trace::rows::{Filter, Row, Wanted};
+
+/// What a rig needs to be steered from outside.
+pub(super) struct Steering {
+    pub(super) control: Control,
+    header: Header,
+    names: Names,
+    telemetry: Telemetry,
+    watchers: Vec<Watcher>,
+    /// The speed and the oscillators that have been set: who begins to watch must know them.
+    tuned: Vec<Input>,
+    /// Where time is to stand still, and who waits for that.
+    stepping: Option<(Instant, Answer)>,
+    /// So many faults have been asked for.
+    asked: usize,
+}
+
+/// Somebody who watches.
+struct Watcher {
+    analyser: Analyser,
+    form: Form,
+    rows: mpsc::Sender<String>,
+    lost: u64,
+}
+
+/// What is wrong with a request, for people.
+type Refused = String;
+
+impl Steering {
+    pub(super) fn new(control: Control, header: Header, names: Names, rig: &Rig) -> Self {
+        let telemetry = Telemetry::new(rig);
+        Self { control, header, names, telemetry, watchers: Vec::new(), tuned: Vec::new(), stepping: None, asked: 0 }
+    }
+
+    /// Takes note of what came from outside and of what happened.
+    pub(super) fn note(&mut self, inputs: &[Input], facts: &[Fact]) {
+        facts.iter().for_each(|fact| self.telemetry.add(fact));
+        for input in inputs {
+            if let What::Stimulus { board, stimulus: Stimulus::Configure { .. } | Stimulus::Clock(_) } = input.what {
+                // A UART takes no `Clock` from outside, so there is one input a board at the most.
+                let of_board = |other: &Input| matches!(other.what, What::Stimulus { board: b, .. } if b == board);
+                self.tuned.retain(|other| !of_board(other));
+                self.tuned.push(input.clone());
+            }
+        }
+        self.watchers.iter_mut().for_each(|watcher| watcher.analyser.note(inputs, facts));
+    }
+
+    /// Tells those who watch what has happened before `until`; and who has waited for it, that it is reached.
+    pub(super) fn tell(&mut self, until: Instant) {
+        let header = &self.header;
+        self.watchers.retain_mut(|watcher| watcher.tell(header, until));
+        if let Some((_, answer)) = self.stepping.take_if(|(target, _)| *target <= until) {
+            answer.give(Ok::<_, Refused>(done(until)));
+        }
+    }
+
+    fn watch(&mut self, wanted: &Wanted, form: Form, rows: mpsc::Sender<String>) -> Result<(), Refused> {
+        let filter = Filter::new(&self.header, wanted).map_err(|error| error.to_string())?;
+        let mut analyser = Analyser::new(&self.header, filter);
+        analyser.note(&self.tuned, &[]);
+        // That was before anybody watched.
+        analyser.take(wanted.from);
+        self.watchers.push(Watcher { analyser, form, rows, lost: 0 });
+        Ok(())
+    }
+}
+
+impl Watcher {
+    /// Says whether anybody still watches.
+    fn tell(&mut self, header: &Header, until: Instant) -> bool {
+        let Self { analyser, form, .. } = self;
+        let text = |row: Row| match form {
+            Form::Json => row.json(header).to_string(),
+            Form::Text => row.text(header, false),
+            Form::Colour => row.text(header, true),
+        };
+        let rows: Vec<String> = analyser.take(until).into_iter().map(text).collect();
+        rows.into_iter().all(|row| self.send(row)) && !self.rows.is_closed()
+    }
+
+    fn send(&mut self, row: String) -> bool {
+        if self.lost > 0 {
+            match self.rows.try_send(serde_json::json!({ "lost": self.lost }).to_string()) {
+                Ok(()) => self.lost = 0,
+                Err(TrySendError::Full(_)) => {
+                    self.lost += 1;
+                    return true;
+                }
+                Err(TrySendError::Closed(_)) => return false,
+            }
+        }
+        match self.rows.try_send(row) {
+            Ok(()) => true,
+            Err(TrySendError::Full(_)) => {
+                self.lost += 1;
+                true
+            }
+            Err(TrySendError::Closed(_)) => false,
+        }
+    }
+}
+
+const fn done(at: Instant) -> Done {
+    Done { ns: at.as_nanos() }
+}
+
+fn give<T: Serialize>(answer: Answer, result: Result<T, Refused>) {
+    answer.give(result);
+}
+
+impl Live {
+    /// Does what is asked.
+    pub(super) async fn obey(&mut self, call: Call) -> Result<(), LiveError> {
+        let Call { request, answer, rows } = call;
+        let now = self.now();
+        match request {
+            Request::State => {
+                // Boards that nothing reaches lag behind.
+                self.rig.catch_up(now).await?;
+                self.deliver()?;
+                give(answer, self.state(now));
+            }
+            Request::Fault { fault } => give(answer, self.break_it(&fault, now)),
+            Request::Heal { name } => give(answer, self.heal(&name, now)),
+            Request::Power { board, on } => give(answer, self.power(&board, on, now)),
+            Request::Pause => {
+                self.brake.pause(now);
+                give(answer, Ok(done(now)));
+            }
+            Request::Resume => {
+                self.brake.resume(now);
+                give(answer, Ok(done(now)));
+            }
+            Request::Step { span } => match parse_span(&span) {
+                Ok(span) => self.step_on(now + span, answer),
+                Err(message) => give(answer, Err::<Done, _>(message)),
+            },
+            Request::Pace { pace } => {
+                let pace = pace.parse::<Pace>().map(|pace| {
+                    self.brake.set_pace(pace, now);
+                    done(now)
+                });
+                give(answer, pace);
+            }
+            Request::Watch { lines, boards, kinds, form } => {
+                let wanted = Wanted { from: now, to: None, lines, boards, kinds };
+                let watched = self.steering.as_mut().map(|steering| steering.watch(&wanted, form, rows));
+                give(answer, watched.unwrap_or(Ok(())).map(|()| done(now)));
+            }
+        }
+        Ok(())
+    }
+
+    fn step_on(&mut self, target: Instant, answer: Answer) {
+        match &mut self.steering {
+            Some(Steering { stepping: Some(_), .. }) => {
+                give(answer, Err::<Done, _>("a step is under way already".to_owned()));
+            }
+            Some(steering) => {
+                self.brake.pause(target);
+                steering.stepping = Some((target, answer));
+            }
+            None => {}
+        }
+    }
+
+    fn break_it(&mut self, text: &str, now: Instant) -> Result<Begun, Refused> {
+        let invalid = |(span, message)| Invalid::at("fault", text, span, message).to_string();
+        let raw: RawFault = toml::from_str(text).map_err(|error| invalid(of_toml(&error)))?;
+        let Some(steering) = &mut self.steering else { return Err(String::new()) };
+        // Noise is not the same twice.
+        let planned = raw.plan(&steering.names, steering.asked, 0).map_err(invalid)?;
+        steering.asked += 1;
+        let name = planned.fault.name.clone();
+        if self.faults.active(now).any(|(other, ..)| other == name) {
+            return Err(format!("there is a fault '{name}' already: heal it, or give this one another name"));
+        }
+        match &planned.trigger {
+            Trigger::When(_) => {
+                self.faults.plan(&mut self.rig, &planned);
+                Ok(Begun { name, since: None })
+            }
+            Trigger::At(at) => {
+                let since = self.faults.begin(&mut self.rig, &planned.fault, now.max(*at));
+                Ok(Begun { name, since: Some(since.as_nanos()) })
+            }
+        }
+    }
+
+    fn heal(&mut self, name: &str, now: Instant) -> Result<Done, Refused> {
+        if self.faults.disarm(&mut self.rig, name) {
+            return Ok(done(now));
+        }
+        let healed = self.faults.heal(&mut self.rig, name, now);
+        healed.map(done).map_err(|error| format!("the fault '{name}': {error}"))
+    }
+
+    fn power(&mut self, board: &str, on: bool, now: Instant) -> Result<Done, Refused> {
+        let boards: Vec<&str> = self.rig.nodes().iter().map(|node| node.name.as_str()).collect();
+        let Some(place) = boards.iter().position(|name| *name == board).filter(|place| *place != self.rig.pc()) else {
+            let boards: Vec<&str> = boards.into_iter().filter(|name| *name != "pc").collect();
+            return Err(format!("there is no board '{board}'{}", nearest(board, &boards)));
+        };
+        Ok(done(self.rig.stimulate(place, now, Stimulus::Power(on))))
+    }
+
+    fn state(&self, now: Instant) -> Result<State, Refused> {
+        let Some(steering) = &self.steering else { return Err(String::new()) };
+        let board = |(id, node): (usize, &crate::rig::Node)| BoardState {
+            name: node.name.clone(),
+            pid: node.pid.unwrap_or_else(std::process::id),
+            process: self.rig.engine().life(id).to_string(),
+            waits_for: self.rig.waits_for(id, &steering.telemetry.values(id)),
+            telemetry: steering.telemetry.of(id),
+        };
+        let nanos = |at: Instant| at.as_nanos();
+        let fault = |(name, since, until): (&str, Option<Instant>, Option<Instant>)| FaultState {
+            name: name.to_owned(),
+            since: since.map(nanos),
+            until: until.map(nanos),
+        };
+        Ok(State {
+            rig: steering.header.rig.clone(),
+            ns: now.as_nanos(),
+            pace: self.brake.pace().to_string(),
+            paused: self.brake.paused().is_some(),
+            boards: self.rig.nodes().iter().enumerate().map(board).collect(),
+            faults: self.faults.active(now).map(fault).collect(),
+        })
+    }
+
+    /// Takes faults that begin by themselves, for a rig that does not run yet.
+    pub fn plan(&mut self, planned: &[Planned]) {
+        planned.iter().for_each(|planned| self.faults.plan(&mut self.rig, planned));
+    }
+
+    /// The faults that have broken nothing so far.
+    pub fn unfired(&mut self) -> Vec<String> {
+        self.faults.unfired(&mut self.rig)
+    }
+
+    /// Lets the rig be steered from outside. For a rig that does not run yet.
+    pub fn steer(&mut self, control: Control, header: Header, names: Names) {
+        self.steering = Some(Steering::new(control, header, names, &self.rig));
+    }
+
+    /// Does all that has been asked meanwhile. Says whether anything was.
+    pub(super) async fn obey_all(&mut self) -> Result<bool, LiveError> {
+        let mut obeyed = false;
+        while let Some(call) = self.steering.as_mut().and_then(|steering| steering.control.try_call()) {
+            self.obey(call).await?;
+            obeyed = true;
+        }
+        Ok(obeyed)
+    }
+}
+
+/// Waits for something to be asked; for ever, if nobody can. Cancel-safe.
+pub(super) async fn next_call(steering: &mut Option<Steering>) -> Call {
+    match steering {
+        Some(steering) => steering.control.call().await,
+        None => std::future::pending().await,
+    }
+}
