@@ -182,10 +182,10 @@ impl Command {
                 Begun { name, since: Some(since) } => format!("fault '{name}' begins at {}\n", at(since)),
                 Begun { name, since: None } => format!("fault '{name}' lies in wait\n"),
             },
-            Self::Watch { .. } => String::new(),
             _ => {
                 let Done { ns } = serde_json::from_value(answer)?;
-                format!("at {}\n", at(ns))
+                let watching = if matches!(self, Self::Watch { .. }) { "watching from" } else { "at" };
+                format!("{watching} {}\n", at(ns))
             }
         })
     }
@@ -213,7 +213,7 @@ impl Arguments {
         }
         let watches = matches!(self.command, Command::Watch { .. });
         match answer.get_mut("ok").map(Value::take) {
-            Some(ok) if self.json && !watches => print(&format!("{ok}\n"))?,
+            Some(ok) if self.json => print(&format!("{ok}\n"))?,
             Some(ok) => print(&self.command.text(ok)?)?,
             None => bail!("the rig does not answer in our words"),
         }

@@ -13,7 +13,7 @@ use crate::observe::Telemetry;
 use crate::pace::Pace;
 use crate::rig::names::Names;
 use crate::rig::{Input, Rig, What};
-use crate::text::{Invalid, nearest, of_toml};
+use crate::text::{Complaint, nearest, of_toml};
 use crate::trace::Header;
 use crate::trace::analyser::Analyser;
 use crate::trace::rows::{Filter, Row, Wanted};
@@ -184,7 +184,7 @@ impl Live {
     }
 
     fn break_it(&mut self, text: &str, now: Instant) -> Result<Begun, Refused> {
-        let invalid = |(span, message)| Invalid::at("fault", text, span, message).to_string();
+        let invalid = |(_, message): Complaint| message;
         let raw: RawFault = toml::from_str(text).map_err(|error| invalid(of_toml(&error)))?;
         let Some(steering) = &mut self.steering else { return Err(String::new()) };
         // Noise is not the same twice.

@@ -1,0 +1,274 @@
+//! A rig that is up, steered and broken from outside, while a client is at its port.
+
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
+
+mod common;
+
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::os::unix::fs::PermissionsExt;
+use std::os::unix::net::UnixListener;
+use std::path::Path;
+use std::process::{Child, Output, Stdio};
+
+use common::{ACK, AT_REST, CAN, LONG, SHORT, Up, XON, folder, kill, output, torno, wait_until};
+use serde_json::Value;
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8(output.stderr.clone()).unwrap()
+}
+
+fn control(up: &Up) -> String {
+    up.ready["control"].as_str().unwrap().to_owned()
+}
+
+/// `torno ctl`, which must end well; its answer.
+fn ctl(up: &Up, arguments: &[&str]) -> Value {
+    let output = output(&[&["ctl", "--json", "--socket", &control(up)], arguments].concat());
+    assert!(output.status.success(), "{arguments:?}: {}", stderr(&output));
+    common::json(&output)
+}
+
+/// `torno ctl`, which must be refused; what it complains of.
+fn refused(up: &Up, arguments: &[&str]) -> String {
+    let output = output(&[&["ctl", "--socket", &control(up)], arguments].concat());
+    assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+    stderr(&output)
+}
+
+fn board<'a>(state: &'a Value, name: &str) -> &'a Value {
+    state["boards"].as_array().unwrap().iter().find(|board| board["name"] == name).unwrap()
+}
+
+fn end(mut up: Up) {
+    kill("-INT", up.pid());
+    assert!(up.child.wait().unwrap().success());
+}
+
+fn repeats(trace: &Path) {
+    for driver in [&[][..], &["--processes"]] {
+        let output = output(&[&["replay", trace.to_str().unwrap()], driver].concat());
+        assert!(output.status.success(), "{}", stderr(&output));
+        assert!(String::from_utf8(output.stdout).unwrap().starts_with("same digest "));
+    }
+}
+
+#[test]
+fn what_is_done_to_a_live_rig_is_repeated_with_the_same_digest() {
+    let folder = folder();
+    let trace = folder.path().join("a.torno");
+    let up = Up::start(&["--pace", "20", "--record", trace.to_str().unwrap()]);
+    let mut pc = up.pc();
+    ctl(&up, &["fault", "stall", "depth", "--name", "chip"]);
+    pc.write(&SHORT);
+    pc.expect(&[ACK]);
+    ctl(&up, &["heal", "chip"]);
+    while pc.read(1) != [XON] {}
+    // A line that breaks in the middle of what comes.
+    ctl(&up, &["fault", "flip", "pc_to_master", "5", "--nth", "3"]);
+    pc.write(&LONG);
+    pc.read(1);
+    ctl(&up, &["fault", "noise", "master_to_depth", "--period", "20 ms", "--for", "300 ms"]);
+    ctl(&up, &["power", "transverse", "off"]);
+    ctl(&up, &["fault", "drift", "spindle", "0.1 %", "--for", "500 ms"]);
+    ctl(&up, &["pause"]);
+    ctl(&up, &["step", "700 ms"]);
+    ctl(&up, &["power", "transverse", "on"]);
+    ctl(&up, &["pace", "max"]);
+    ctl(&up, &["resume"]);
+    ctl(&up, &["pace", "20"]);
+    ctl(&up, &["fault", "crash", "depth", "--when", "{ board = \"depth\", quantity = \"drive\", at_least = -1 }"]);
+    end(up);
+    repeats(&trace);
+    let shown = output(&["trace", trace.to_str().unwrap(), "--kind", "inputs"]);
+    let shown = String::from_utf8(shown.stdout).unwrap();
+    for expected in ["shaft blocked", "shaft free", "bit 5 flipped", "noise", "supply off", "supply on", "ppb"] {
+        assert!(shown.contains(expected), "{expected}\n{shown}");
+    }
+}
+
+#[test]
+fn a_state_tells_who_waits_for_whom() {
+    let up = Up::start(&["--pace", "20"]);
+    let mut pc = up.pc();
+    let state = ctl(&up, &["state"]);
+    assert_eq!((&state["rig"], &state["pace"], &state["paused"]), (&"lathe".into(), &"20".into(), &false.into()));
+    assert_eq!(board(&state, "depth")["pid"], up.board("depth"));
+    assert_eq!(board(&state, "master")["waits_for"], serde_json::json!([]));
+    pc.write(&LONG);
+    pc.expect(&[ACK]);
+    wait_until("only the depth moves", || {
+        board(&ctl(&up, &["state"]), "master")["waits_for"] == serde_json::json!(["depth"])
+    });
+    kill("-STOP", up.board("depth"));
+    up.wait_for_log("was stopped");
+    assert_eq!(board(&ctl(&up, &["state"]), "depth")["process"], "stopped");
+    kill("-CONT", up.board("depth"));
+    up.wait_for_log("was continued");
+    assert_eq!(board(&ctl(&up, &["state"]), "depth")["process"], "runs");
+    let text = output(&["ctl", "--socket", &control(&up), "state"]);
+    let text = String::from_utf8(text.stdout).unwrap();
+    assert!(text.starts_with("lathe at ") && text.contains("\nmaster") && text.contains("  depth  "), "{text}");
+    end(up);
+}
+
+#[test]
+fn time_stands_still_and_goes_on_as_it_is_told() {
+    let up = Up::start(&["--pace", "max"]);
+    let mut pc = up.pc();
+    let now = |up: &Up| ctl(up, &["state"])["ns"].as_u64().unwrap();
+    ctl(&up, &["pause"]);
+    let paused = now(&up);
+    // What comes meanwhile waits.
+    pc.write(&AT_REST);
+    assert_eq!(now(&up), paused);
+    assert!(pc.is_silent());
+    assert_eq!(ctl(&up, &["step", "5 ms"])["ns"], paused + 5_000_000);
+    assert_eq!(now(&up), paused + 5_000_000);
+    assert!(pc.is_silent());
+    assert_eq!(ctl(&up, &["step", "20 ms"])["ns"], paused + 25_000_000);
+    pc.expect(&[ACK]);
+    assert!(pc.is_silent());
+    ctl(&up, &["resume"]);
+    pc.expect(&[XON]);
+    ctl(&up, &["pace", "0.001"]);
+    assert_eq!(ctl(&up, &["state"])["pace"], "0.001");
+    pc.write(&AT_REST);
+    ctl(&up, &["pace", "1"]);
+    pc.expect(&[ACK, XON]);
+    assert!(refused(&up, &["pace", "fast"]).contains("expected 'max' or a number"));
+    assert!(refused(&up, &["step", "5"]).contains("5"));
+    end(up);
+}
+
+/// Whoever watches, and the lines that came.
+struct Watch {
+    child: Child,
+    lines: std::io::Lines<BufReader<std::process::ChildStdout>>,
+}
+
+impl Watch {
+    fn start(up: &Up, arguments: &[&str]) -> Self {
+        let mut command = torno(&["ctl", "--socket", &control(up), "watch"]);
+        let mut child = command.args(arguments).stdout(Stdio::piped()).spawn().unwrap();
+        let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+        let begun = lines.next().unwrap().unwrap();
+        assert!(begun.starts_with("watching from ") || begun.starts_with("{\"ns\":"), "{begun}");
+        Self { child, lines }
+    }
+
+    /// The next line that has this in it.
+    fn next_with(&mut self, text: &str) -> String {
+        self.lines.by_ref().map(|line| line.unwrap()).find(|line| line.contains(text)).unwrap()
+    }
+}
+
+impl Drop for Watch {
+    fn drop(&mut self) {
+        self.child.kill().ok();
+        self.child.wait().ok();
+    }
+}
+
+#[test]
+fn whoever_watches_sees_what_happens_decoded() {
+    let up = Up::start(&["--pace", "20"]);
+    let mut watch = Watch::start(&up, &["--json"]);
+    let mut frames = Watch::start(&up, &["--kind", "frames", "--line", "pc_to_master"]);
+    let mut pc = up.pc();
+    pc.write(&AT_REST);
+    pc.expect(&[ACK, XON]);
+    let frame: Value = serde_json::from_str(&watch.next_with("frame: ")).unwrap();
+    assert_eq!(frame["line"], "pc_to_master");
+    let ack: Value = serde_json::from_str(&watch.next_with("ACK: the frame")).unwrap();
+    assert!(ack["ns"].as_u64() > frame["ns"].as_u64());
+    assert!(watch.next_with("\"quantity\":\"slaves_busy\"").contains("\"board\":\"master\""));
+    assert!(frames.next_with("").contains("pc_to_master           > frame: spindle 0 rpm"));
+    assert!(refused(&up, &["watch", "--line", "pc_to_mastr"]).contains("did you mean 'pc_to_master'?"));
+    // The end of the rig is the end of the watch.
+    end(up);
+    assert!(watch.lines.all(|line| line.is_ok()));
+    assert!(watch.child.wait().unwrap().success());
+}
+
+#[test]
+fn a_file_breaks_a_live_rig() {
+    let folder = folder();
+    let faults = folder.path().join("faults.toml");
+    let write = |text: &str| fs::write(&faults, text).unwrap();
+    write(
+        "[[fault]]\nname = \"late\"\nboard = \"depth\"\nkind = \"power-off\"\nwhen = { reply = \"XON\" }\n\
+         [[fault]]\nname = \"never\"\nboard = \"depth\"\nkind = \"stall\"\nwhen = { reply = \"NAK d\" }\n\
+         [[fault]]\nline = \"master_to_pc\"\nkind = \"double\"\nnth = 1\nat = \"1 ms\"\n",
+    );
+    let up = Up::start(&["--pace", "20", "--faults", faults.to_str().unwrap()]);
+    let mut pc = up.pc();
+    pc.write(&AT_REST);
+    pc.expect(&[ACK, ACK, XON]);
+    up.wait_for_log("fault 'late' begins");
+    pc.write(&SHORT);
+    pc.expect(&[ACK, CAN, b'd', b'n']);
+    let state = ctl(&up, &["state"]);
+    let names: Vec<&str> = state["faults"].as_array().unwrap().iter().map(|f| f["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["late", "master_to_pc double", "never"]);
+    // One that waits can be called off; one that is there already is not put there again.
+    assert!(refused(&up, &["fault", "stall", "depth", "--name", "late"]).contains("there is a fault 'late' already"));
+    ctl(&up, &["heal", "late"]);
+    up.wait_for_log("fault 'late' begins");
+    kill("-INT", up.pid());
+    up.wait_for_log("the fault 'never' has broken nothing");
+    assert!(!up.log().contains("the fault 'late' has"));
+
+    write("[[fault]]\nboard = \"dept\"\nkind = \"stall\"\n");
+    let wrong = output(&["up", "--faults", faults.to_str().unwrap()]);
+    assert_eq!(wrong.status.code(), Some(2));
+    assert!(stderr(&wrong).contains("faults.toml:2:9: there is no board 'dept': did you mean 'depth'?"));
+    write("name = \"no faults\"\n");
+    let wrong = output(&["up", "--faults", faults.to_str().unwrap()]);
+    assert_eq!((wrong.status.code(), stderr(&wrong).contains("faults.toml:1:1: unknown field")), (Some(2), true));
+}
+
+#[test]
+fn what_is_wrong_with_a_request_is_told() {
+    let up = Up::start(&[]);
+    for (arguments, expected) in [
+        (&["fault", "cut", "master_to_dept"][..], "there is no line 'master_to_dept': did you mean 'master_to_depth'?"),
+        (&["fault", "ct", "master_to_depth"], "there is no fault 'ct': did you mean 'cut'?"),
+        (&["fault", "flip", "pc_to_master", "11"], "expected the bit, 0 (start) to 9 (stop)"),
+        (&["fault", "stall", "depth", "--for", "3"], "3"),
+        (&["fault", "stall", "depth", "--when", "XON"], "--when: expected a condition"),
+        (&["fault", "stall", "depth", "--when", "{ reply = \"XONN\" }"], "did you mean 'XON'?"),
+        (&["heal", "what"], "the fault 'what': it has not begun, or is over"),
+        (&["power", "deph", "off"], "there is no board 'deph': did you mean 'depth'?"),
+        (&["power", "pc", "off"], "there is no board 'pc'"),
+    ] {
+        let complaint = refused(&up, arguments);
+        assert!(complaint.contains(expected), "{arguments:?}: {complaint}");
+    }
+    end(up);
+    let output = output(&["ctl", "--socket", "/nowhere/at-all", "state"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(stderr(&output).contains("no rig is to be steered at /nowhere/at-all"));
+}
+
+#[test]
+fn the_socket_is_the_owners_and_goes_with_the_rig() {
+    let folder = folder();
+    let path = folder.path().join("steer");
+    let word = path.to_str().unwrap();
+    // One that nobody listens to any more is replaced.
+    drop(UnixListener::bind(&path).unwrap());
+    let up = Up::start(&["--control", word]);
+    assert_eq!(fs::symlink_metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
+    assert_eq!(ctl(&up, &["pause"])["ns"].is_u64(), true);
+    let link = folder.path().join("other");
+    let second = output(&["up", "--link", link.to_str().unwrap(), "--control", word]);
+    assert_eq!(second.status.code(), Some(2), "{}", stderr(&second));
+    assert!(stderr(&second).contains("already steered at"), "{}", stderr(&second));
+    assert!(!link.exists());
+    end(up);
+    assert!(!path.exists());
+    fs::write(&path, "mine").unwrap();
+    let third = output(&["up", "--link", link.to_str().unwrap(), "--control", word]);
+    assert_eq!((third.status.code(), fs::read_to_string(&path).unwrap().as_str()), (Some(2), "mine"));
+}
