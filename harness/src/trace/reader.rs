@@ -415,7 +415,8 @@ mod tests {
             b.inputs.retain(|input| !on_line_7(&input.what));
             for trace in [&a, &b] {
                 let kinds = ["edges", "characters", "frames", "telemetry", "events", "inputs"].map(str::to_owned);
-                let filter = Filter::new(&trace.header, &Wanted { kinds: kinds.to_vec(), ..Wanted::default() }).unwrap();
+                let wanted = Wanted { kinds: kinds.to_vec(), ..Wanted::default() };
+                let filter = Filter::new(&trace.header, &wanted).unwrap();
                 let rows = rows(trace, &filter);
                 prop_assert!(rows.is_sorted_by_key(|row| row.at));
                 prop_assert!(rows.len() >= trace.inputs.len() + trace.facts.len());
