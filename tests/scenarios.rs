@@ -14,12 +14,16 @@ use common::{folder, output};
 use torno::fault::{BOARD_KINDS, LINE_KINDS};
 use torno::observe::Sum;
 use torno::rig::Driver;
+use torno::scenario::prose::{self, board, line, reply};
 use torno::scenario::{self, Outcome, Scenario};
+use torno::sweep::Scene;
+use torno_protocol::time::Span;
 
 const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/scenarios");
 
 /// In these, what happens depends on the seed.
-const NOISY: [&str; 4] = ["noise-in-frames", "noise-in-answers", "noise-on-an-idle-line", "noise-on-all-slaves"];
+const NOISY: [&str; 5] =
+    ["noise-in-frames", "noise-in-answers", "noise-on-an-idle-line", "noise-on-all-slaves", "any-fault-at-any-moment"];
 const SEEDS: u64 = 50;
 
 fn paths() -> Vec<PathBuf> {
@@ -44,6 +48,12 @@ fn processes() -> Driver {
 fn run(scenario: &Scenario, driver: &Driver) -> Outcome {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(scenario::run(scenario, driver)).unwrap()
+}
+
+/// The same, no further than so far at once.
+fn in_slices(scenario: &Scenario, slice: Span) -> Outcome {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(scenario::run_in_slices(scenario, &Driver::InProcess, slice)).unwrap()
 }
 
 /// Does so many things, two at once.
@@ -139,6 +149,9 @@ fn digests_of(name: &str, seeds: u64) -> BTreeSet<String> {
         let scenario = named(name, Some(seed as u64));
         let [inside, outside] = [Driver::InProcess, processes()].map(|driver| run(&scenario, &driver));
         assert_eq!(inside.digest, outside.digest, "{name}, seed {seed}");
+        // However time is cut into turns.
+        let slice = Span::from_micros(333 + 977 * seed as u64);
+        assert_eq!(inside.digest, in_slices(&scenario, slice).digest, "{name}, seed {seed}, {slice} at once");
         assert_eq!(inside.failures, outside.failures, "{name}, seed {seed}");
         digests.lock().unwrap().insert(text(inside.digest));
     });
@@ -208,6 +221,7 @@ fn a_wrong_expectation_is_explained() {
     let lines: Vec<&str> = out.lines().skip(1).collect();
     assert!(out.starts_with("FAILED  a turn "), "{out}");
     let expected = [
+        "  seed      0",
         "  step 2    it is done",
         "  expected  the reply XON within 500 ms",
         "  came      ACK",
@@ -260,6 +274,69 @@ fn every_kind_of_expectation_can_fail() {
 }
 
 #[test]
+fn what_is_drawn_is_told_first_and_stays_the_same_with_fewer_faults() {
+    let file = "../tests/scenarios/any-fault-at-any-moment.toml";
+    let told = |arguments: &[&str]| {
+        let output = output(&[&["test", file], arguments].concat());
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let once = told(&["--seed", "5"]);
+    let line = once.lines().nth(1).unwrap();
+    assert!(line.starts_with("  seed      5, fault.there.at = "), "{once}");
+    for place in ["fault.there.for = ", "fault.back.nth = ", "fault.back.value = ", "step.2.run = "] {
+        assert!(line.contains(place), "{once}");
+    }
+    assert_ne!(once.lines().nth(1), told(&["--seed", "6"]).lines().nth(1));
+    let drawn: serde_json::Value = serde_json::from_str(&told(&["--seed", "5", "--json"])).unwrap();
+    let at = drawn["drawn"]["fault.back.at"].as_str().unwrap();
+    assert!(line.contains(&format!("fault.back.at = {at}")), "{line}");
+    let scene = Scene::load(Path::new(file)).unwrap();
+    let fewer = scene.without(&["there".to_owned()]).with(&[], 5).unwrap();
+    assert!(fewer.drawn.contains(&("fault.back.at".to_owned(), at.to_owned())), "{:?}", fewer.drawn);
+    assert!(fewer.drawn.iter().all(|(place, _)| !place.starts_with("fault.there")));
+
+    let text = fs::read_to_string(file).unwrap();
+    let (code, _, err, _) = test(&text.replace("0 s..3 s", "0 s..3 ms"));
+    assert_eq!(code, Some(2));
+    assert!(err.contains("a.toml:10:6: '0 s..3 ms': FROM and TO have different units"), "{err}");
+}
+
+#[test]
+fn a_scenario_in_prose_is_one_of_a_file() {
+    let turn = || {
+        prose::scenario("in prose")
+            .step("a frame moves the carriage")
+            .send("00 64 03 84 00 00 00 00")
+            .step("it is on its way")
+            .run_for("100 ms")
+            .step("it has moved")
+            .check(board("transverse").quantity("position_counts").from_to(1, 400))
+            .step("it is done")
+            .wait(reply("XON"))
+            .within("3 s")
+            .replies("ACK XON")
+            .finally(board("transverse").quantity("position_counts").equals(900))
+            .never(reply("CAN"))
+    };
+    turn().must_pass();
+    let outcome = turn().run().unwrap();
+    let (code, out, ..) = test(&turn().toml());
+    assert_eq!(code, Some(0), "{out}");
+    let of_file = Scenario::parse("a.toml", &turn().toml(), None).unwrap();
+    assert_eq!(run(&of_file, &Driver::InProcess).digest, outcome.digest);
+
+    let broken = turn().fault(board("transverse").stalls().when(line("pc_to_master").character(8)).named("jam"));
+    let outcome = broken.run().unwrap();
+    assert_eq!(outcome.failures[0].expected, "transverse.position_counts from 1 to 400");
+    let panic = std::panic::catch_unwind(|| broken.must_pass()).unwrap_err();
+    let message = panic.downcast::<String>().unwrap();
+    assert!(message.contains("scenario 'in prose', seed 0:\n  step 3    it has moved"), "{message}");
+    assert!(message.contains("[[fault]]\nboard = \"transverse\""), "{message}");
+    let wrong = prose::scenario("wrong").fault(board("dept").crashes()).scenario().unwrap_err();
+    assert!(wrong.to_string().contains("did you mean 'depth'?"), "{wrong}");
+}
+
+#[test]
 fn a_fault_that_has_not_begun_cannot_be_healed() {
     let heal = "[[step]]\ndoes = \"too early\"\nheal = \"late\"\n";
     let fault = "[[fault]]\nname = \"late\"\nboard = \"depth\"\nkind = \"stall\"\nwhen = { reply = \"XON\" }\n";
@@ -302,7 +379,11 @@ fn what_is_wrong_with_a_file_is_told() {
         ),
         (fault("board = \"depth\"\nkind = \"cut\""), "4:8", "there is no fault 'cut' of a board"),
         (fault("board = \"depth\"\nkind = \"crash\"\nvalue = 7"), "5:9", "'crash' has no value"),
-        (fault("line = \"pc_to_master\"\nkind = \"drop\"\nnth = 0"), "5:7", "nth counts from 1"),
+        (
+            fault("line = \"pc_to_master\"\nkind = \"drop\"\nnth = 0"),
+            "5:7",
+            "expected which character, from 1, found 0",
+        ),
         (step("wait = { reply = \"XON\", character = 2 }"), "4:37", "expected which one of a line"),
         (step("wait = { line = \"pc_to_master\", character = 0 }"), "4:45", "from 1"),
         (fault("board = \"depth\"\nkind = \"crash\"\nfro = \"1 s\""), "5:1", "unknown field `fro`"),

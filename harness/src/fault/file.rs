@@ -9,7 +9,7 @@ use torno_protocol::clock::Clock;
 use torno_protocol::line::Level;
 use torno_protocol::time::{Instant, Span};
 
-use super::{Ailment, BROWN_OUT, Fault, Planned, Trigger, What, parse_ratio, parse_span};
+use super::{Ailment, BROWN_OUT, Dice, Fault, Planned, Range as Quantities, Trigger, What, parse_ratio, parse_span};
 use crate::condition::RawCondition;
 use crate::engine::{Disturbance, Tampering};
 use crate::rig::names::Names;
@@ -59,8 +59,8 @@ pub struct RawFault {
     kind: Spanned<String>,
     value: Option<Spanned<Value>>,
     with: Option<Spanned<String>>,
-    nth: Option<Spanned<u64>>,
-    edge: Option<Spanned<u8>>,
+    nth: Option<Spanned<Value>>,
+    edge: Option<Spanned<Value>>,
     period: Option<Spanned<String>>,
     width: Option<Spanned<String>>,
     r#for: Option<Spanned<String>>,
@@ -103,7 +103,8 @@ pub fn load(path: &Path, names: &Names) -> Result<Vec<Planned>, FaultFileError> 
     let text = text::read(path).map_err(|source| FaultFileError::Unreadable { path: name.clone(), source })?;
     let invalid = |(span, message): Complaint| Invalid::at(&name, &text, span, message);
     let raw: RawFile = toml::from_str(&text).map_err(|error| invalid(text::of_toml(&error)))?;
-    let planned = raw.fault.iter().enumerate().map(|(number, fault)| fault.plan(names, number, raw.seed));
+    let mut dice = Dice::new(raw.seed);
+    let planned = raw.fault.iter().map(|fault| fault.plan(names, &mut dice));
     Ok(planned.collect::<Result<_, _>>().map_err(invalid)?)
 }
 
@@ -112,9 +113,10 @@ impl RawFault {
     ///
     /// # Errors
     /// As [`RawFault::check`].
-    pub fn plan(&self, names: &Names, number: usize, seed: u64) -> Result<Planned, Complaint> {
-        let fault = self.check(names, number, seed)?;
-        let trigger = match (&self.at, &self.when) {
+    pub fn plan(&self, names: &Names, dice: &mut Dice) -> Result<Planned, Complaint> {
+        let certain = self.drawn(dice)?;
+        let fault = certain.check_drawn(names, dice)?;
+        let trigger = match (&certain.at, &certain.when) {
             (Some(at), None) => Trigger::At(Instant::START + span(at)?),
             (None, Some(when)) => Trigger::When(when.check(names)?),
             (None, None) => Trigger::At(Instant::START),
@@ -128,32 +130,58 @@ impl RawFault {
         self.at.as_ref().map(Spanned::span)
     }
 
-    /// The fault, in a rig with these names. `number` tells it from the others of its file, `seed` is the file's.
+    /// The fault, in a rig with these names.
     ///
     /// # Errors
     /// Where, what was expected, what was found.
-    pub fn check(&self, names: &Names, number: usize, seed: u64) -> Result<Fault, Complaint> {
+    pub fn check(&self, names: &Names, dice: &mut Dice) -> Result<Fault, Complaint> {
+        self.drawn(dice)?.check_drawn(names, dice)
+    }
+
+    /// Its name: what it is called, or its place and its kind.
+    fn name(&self) -> String {
+        let place = self.line.as_ref().or(self.board.as_ref()).map(|place| place.get_ref().as_str());
+        let usual = || format!("{} {}", place.unwrap_or_default(), self.kind.get_ref());
+        self.name.as_ref().map_or_else(usual, |name| name.get_ref().clone())
+    }
+
+    /// The same with a value for each range, by lot.
+    fn drawn(&self, dice: &mut Dice) -> Result<Self, Complaint> {
+        let mut drawn = self.clone();
+        let place = |field: &str| format!("fault.{}.{field}", self.name());
+        let Self { at, r#for, period, width, value, nth, edge, .. } = &mut drawn;
+        for (field, text) in [("at", at), ("for", r#for), ("period", period), ("width", width)] {
+            if let Some(text) = text {
+                *text = text_drawn(text, &place(field), dice)?;
+            }
+        }
+        for (field, value) in [("value", value), ("nth", nth), ("edge", edge)] {
+            if let Some(value) = value
+                && let Some(range) = value.get_ref().as_str().and_then(Quantities::parse)
+            {
+                let range = range.map_err(|message| (value.span(), message))?;
+                let text = dice.draw(&place(field), &range);
+                let number = text.parse().map(Value::Integer);
+                *value = Spanned::new(value.span(), number.unwrap_or(Value::String(text)));
+            }
+        }
+        Ok(drawn)
+    }
+
+    fn check_drawn(&self, names: &Names, dice: &Dice) -> Result<Fault, Complaint> {
         let kind = self.kind.get_ref().as_str();
         let known = LINE_KINDS.contains(&kind) || BOARD_KINDS.contains(&kind);
         if let Some((field, place)) = self.fields().find(|(field, _)| known && !fields_of(kind).contains(field)) {
             return Err((place, format!("'{kind}' has no {field}")));
         }
-        if let Some(nth) = self.nth.as_ref().filter(|nth| *nth.get_ref() == 0) {
-            return Err((nth.span(), "nth counts from 1".to_owned()));
-        }
         let what = match (&self.line, &self.board) {
-            (Some(line), None) => {
-                What::Line(names.line(line)?, self.disturbance(names, seed ^ ((number as u64 + 1) << 32))?)
-            }
+            (Some(line), None) => What::Line(names.line(line)?, self.disturbance(names, dice.seed(&self.name()))?),
             (None, Some(board)) => What::Board(names.board(board)?, self.ailment()?),
             _ => return Err((self.kind.span(), format!("'{kind}': expected the place, either line or board"))),
         };
         let lasts = self.r#for.as_ref().map(span).transpose()?;
         let lasts = if kind == "brown-out" { Some(lasts.unwrap_or(BROWN_OUT)) } else { lasts };
-        let place =
-            self.line.as_ref().or(self.board.as_ref()).map(|place| place.get_ref().as_str()).unwrap_or_default();
-        let name = self.name.as_ref().map_or_else(|| format!("{place} {kind}"), |name| name.get_ref().clone());
-        Ok(Fault { name, what, lasts })
+        Ok(Fault { name: self.name(), what, lasts })
     }
 
     /// What it says beyond its place, its kind and its time, and where.
@@ -170,7 +198,10 @@ impl RawFault {
     }
 
     fn disturbance(&self, names: &Names, seed: u64) -> Result<Disturbance, Complaint> {
-        let tampering = |what| Disturbance::Character { nth: self.nth.as_ref().map_or(1, |nth| *nth.get_ref()), what };
+        let tampering = |what| -> Result<Disturbance, Complaint> {
+            let nth = self.nth.as_ref().map_or(Ok(1), |nth| whole(nth, 1, i64::MAX, "which character, from 1"))?;
+            Ok(Disturbance::Character { nth: nth as u64, what })
+        };
         Ok(match self.kind.get_ref().as_str() {
             "cut" => Disturbance::Cut,
             "stuck-low" => Disturbance::Stuck(Level::Low),
@@ -193,13 +224,13 @@ impl RawFault {
                 }
                 Disturbance::Noise { period: found, width, seed }
             }
-            "flip" => tampering(Tampering::Flip(self.integer(0, 9, "the bit, 0 (start) to 9 (stop)")? as u8)),
+            "flip" => tampering(Tampering::Flip(self.integer(0, 9, "the bit, 0 (start) to 9 (stop)")? as u8))?,
             "delay" => {
-                let edge = self.edge.as_ref().map_or(0, |edge| *edge.get_ref());
-                tampering(Tampering::Delay { edge, by: self.time("how late the edge comes")? })
+                let edge = self.edge.as_ref().map_or(Ok(0), |edge| whole(edge, 0, 9, "which edge of the character"))?;
+                tampering(Tampering::Delay { edge: edge as u8, by: self.time("how late the edge comes")? })?
             }
-            "drop" => tampering(Tampering::Drop),
-            "double" => tampering(Tampering::Double),
+            "drop" => tampering(Tampering::Drop)?,
+            "double" => tampering(Tampering::Double)?,
             _ => return Err(self.unknown("line", &LINE_KINDS)),
         })
     }
@@ -263,9 +294,25 @@ impl RawFault {
     }
 
     fn integer(&self, least: i64, most: i64, what: &str) -> Result<i64, Complaint> {
-        let value = self.value(what)?;
-        let found = value.get_ref().as_integer().filter(|found| (least..=most).contains(found));
-        found.ok_or_else(|| (value.span(), format!("expected {what}, {least} to {most}, found {}", value.get_ref())))
+        whole(self.value(what)?, least, most, what)
+    }
+}
+
+fn whole(value: &Spanned<Value>, least: i64, most: i64, what: &str) -> Result<i64, Complaint> {
+    let found = value.get_ref().as_integer().filter(|found| (least..=most).contains(found));
+    let most = if most == i64::MAX { String::new() } else { format!(", {least} to {most}") };
+    found.ok_or_else(|| (value.span(), format!("expected {what}{most}, found {}", value.get_ref())))
+}
+
+/// The text, or if it is a range, a value from it by lot.
+///
+/// # Errors
+/// Where, and what was expected.
+pub(crate) fn text_drawn(text: &Spanned<String>, place: &str, dice: &mut Dice) -> Result<Spanned<String>, Complaint> {
+    match Quantities::parse(text.get_ref()) {
+        None => Ok(text.clone()),
+        Some(Ok(range)) => Ok(Spanned::new(text.span(), dice.draw(place, &range))),
+        Some(Err(message)) => Err((text.span(), message)),
     }
 }
 

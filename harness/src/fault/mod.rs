@@ -3,14 +3,16 @@
 //! A [`Fault`] is what breaks; a [`Trigger`] says when it begins. [`Faults`] are all those of a running rig: planned,
 //! begun, healed. A scenario, a file or a person says which.
 
+mod dice;
 mod faults;
 mod file;
 mod quantity;
 
+pub use dice::Dice;
 pub use faults::{Faults, Planned, Trigger};
-pub(crate) use file::span;
 pub use file::{BOARD_KINDS, FaultFileError, LINE_KINDS, RawFault, load};
-pub use quantity::{Ratio, parse_ratio, parse_span};
+pub(crate) use file::{span, text_drawn};
+pub use quantity::{Range, Ratio, parse_ratio, parse_span};
 
 use torno_protocol::board::Stimulus;
 use torno_protocol::clock::Clock;

@@ -28,6 +28,56 @@ pub fn parse_ratio(text: &str) -> Result<Ratio, String> {
     }
 }
 
+/// From a quantity to another of the same unit, both included.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Range {
+    from: f64,
+    to: f64,
+    unit: String,
+}
+
+impl Range {
+    /// Reads `FROM..TO`, with a unit at either end or at both; `None` if it is no range at all.
+    ///
+    /// # Errors
+    /// What was expected.
+    pub fn parse(text: &str) -> Option<Result<Self, String>> {
+        let (from, to) = text.split_once("..")?;
+        let ((from, unit_from), (to, unit_to)) = (number(from), number(to));
+        let (Some(from), Some(to)) = (from, to) else {
+            return Some(Err(format!("'{text}': expected FROM..TO, such as \"1 s..3 s\" or \"1..16\"")));
+        };
+        let unit = if unit_to.is_empty() { unit_from } else { unit_to };
+        if !unit_from.is_empty() && unit_from != unit {
+            return Some(Err(format!("'{text}': FROM and TO have different units")));
+        }
+        Some(Ok(Self { from, to, unit: unit.to_owned() }))
+    }
+
+    /// The value at a share of the way, as a file would have it.
+    pub fn at(&self, share: f64) -> String {
+        let value = self.from + (self.to - self.from) * share;
+        // What is written in a file must not end in the noise of floating point.
+        let value = (value * 1e9).round() / 1e9;
+        if self.unit.is_empty() { format!("{value}") } else { format!("{value} {}", self.unit) }
+    }
+
+    /// A value for a fraction from 0 to below 1: an integer, if both ends are and there is no unit.
+    pub(super) fn draw(&self, fraction: f64) -> String {
+        if self.unit.is_empty() && self.from.fract() == 0.0 && self.to.fract() == 0.0 {
+            return format!("{}", (self.from + (self.to - self.from + 1.0) * fraction).floor());
+        }
+        self.at(fraction)
+    }
+}
+
+/// A number and its unit.
+fn number(text: &str) -> (Option<f64>, &str) {
+    let text = text.trim();
+    let end = text.find(|c: char| !matches!(c, '0'..='9' | '.' | '-' | '+')).unwrap_or(text.len());
+    (text[..end].parse().ok().filter(|number: &f64| number.is_finite()), text[end..].trim())
+}
+
 fn scaled(text: &str, units: &[(&str, f64)]) -> Option<f64> {
     let (number, scale) =
         units.iter().find_map(|(unit, scale)| text.trim().strip_suffix(unit).map(|number| (number.trim(), scale)))?;

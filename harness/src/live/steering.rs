@@ -8,7 +8,7 @@ use torno_protocol::time::Instant;
 use super::{Live, LiveError};
 use crate::control::{Answer, Begun, BoardState, Call, Control, Done, FaultState, Form, Request, State};
 use crate::engine::Fact;
-use crate::fault::{Planned, RawFault, Trigger, parse_span};
+use crate::fault::{Dice, Planned, RawFault, Trigger, parse_span};
 use crate::observe::Telemetry;
 use crate::pace::Pace;
 use crate::rig::names::Names;
@@ -30,7 +30,7 @@ pub(super) struct Steering {
     /// Where time is to stand still, and who waits for that.
     stepping: Option<(Instant, Answer)>,
     /// So many faults have been asked for.
-    asked: usize,
+    asked: u64,
 }
 
 /// Somebody who watches.
@@ -188,7 +188,7 @@ impl Live {
         let raw: RawFault = toml::from_str(text).map_err(|error| invalid(of_toml(&error)))?;
         let Some(steering) = &mut self.steering else { return Err(String::new()) };
         // Noise is not the same twice.
-        let planned = raw.plan(&steering.names, steering.asked, 0).map_err(invalid)?;
+        let planned = raw.plan(&steering.names, &mut Dice::new(steering.asked)).map_err(invalid)?;
         steering.asked += 1;
         let name = planned.fault.name.clone();
         if self.faults.active(now).any(|(other, ..)| other == name) {

@@ -1,5 +1,6 @@
 //! How scenarios ended: for people, as JSON, as JUnit XML.
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::time::Duration;
 
@@ -18,6 +19,8 @@ pub struct Tested {
     pub name: String,
     /// Its seed.
     pub seed: u64,
+    /// What has been drawn by lot from it.
+    pub drawn: Vec<(String, String)>,
     /// How it ended.
     pub outcome: Outcome,
     /// How long it took.
@@ -41,6 +44,7 @@ struct Line<'a> {
     name: &'a str,
     path: &'a str,
     seed: u64,
+    drawn: BTreeMap<&'a str, &'a str>,
     outcome: &'a str,
     virtual_s: f64,
     wall_s: f64,
@@ -100,6 +104,10 @@ impl TestReport {
             let wall = tested.wall.as_secs_f64() * 1e3;
             let name = &tested.name;
             _ = writeln!(text, "{style}{word}{style:#}  {name:width$}  {virtual_s:>9.3} s virtual  {wall:>8.1} ms");
+            if failed || !tested.drawn.is_empty() {
+                let drawn = tested.drawn.iter().map(|(place, value)| format!(", {place} = {value}"));
+                _ = writeln!(text, "  seed      {}{}", tested.seed, drawn.collect::<String>());
+            }
             for failure in &tested.outcome.failures {
                 _ = writeln!(text, "{failure}");
             }
@@ -152,11 +160,12 @@ impl TestReport {
 }
 
 fn line(tested: &Tested) -> Line<'_> {
-    let Tested { path, name, seed, outcome, wall } = tested;
+    let Tested { path, name, seed, drawn, outcome, wall } = tested;
     Line {
         name,
         path,
         seed: *seed,
+        drawn: drawn.iter().map(|(place, value)| (place.as_str(), value.as_str())).collect(),
         outcome: if outcome.failures.is_empty() { "passed" } else { "failed" },
         virtual_s: outcome.end.as_secs_f64(),
         wall_s: wall.as_secs_f64(),

@@ -53,6 +53,6 @@ fn run_one(path: &str, scenario: &Scenario, driver: &Driver, recorder: Option<Re
     let started = std::time::Instant::now();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let outcome = runtime.block_on(record(scenario, driver, recorder))?;
-    let (path, name, seed) = (path.to_owned(), scenario.name.clone(), scenario.seed);
-    Ok(Tested { path, name, seed, outcome, wall: started.elapsed() })
+    let (path, name, seed, drawn) = (path.to_owned(), scenario.name.clone(), scenario.seed, scenario.drawn.clone());
+    Ok(Tested { path, name, seed, drawn, outcome, wall: started.elapsed() })
 }

@@ -46,10 +46,27 @@ pub async fn run(scenario: &Scenario, driver: &Driver) -> Result<Outcome, RigErr
 /// # Errors
 /// [`RigError`] if the rig itself breaks, or the recording cannot go on.
 pub async fn record(scenario: &Scenario, driver: &Driver, recorder: Option<Recorder>) -> Result<Outcome, RigError> {
+    conduct(scenario, driver, recorder, None).await
+}
+
+/// The same as [`run`], no further than `slice` at once. Nothing may depend on it: this is how that is proved.
+///
+/// # Errors
+/// [`RigError`] if the rig itself breaks.
+pub async fn run_in_slices(scenario: &Scenario, driver: &Driver, slice: Span) -> Result<Outcome, RigError> {
+    conduct(scenario, driver, None, Some(slice)).await
+}
+
+async fn conduct(
+    scenario: &Scenario,
+    driver: &Driver,
+    recorder: Option<Recorder>,
+    slice: Option<Span>,
+) -> Result<Outcome, RigError> {
     let pc = &scenario.file.pc;
     let uart = PcUart::new(pc.baud, pc.tx_fifo, pc.clock);
     let rig = Rig::start(&scenario.file, driver, uart).await?;
-    let mut conductor = Conductor::new(scenario, rig, recorder);
+    let mut conductor = Conductor { slice, ..Conductor::new(scenario, rig, recorder) };
     conductor.begin();
     for (number, step) in scenario.steps.iter().enumerate() {
         if let Err(failure) = conductor.step(number, step).await? {
@@ -75,6 +92,8 @@ struct Conductor<'a> {
     now: Instant,
     faults: Faults,
     failures: Vec<Failure>,
+    /// Time goes no further at once.
+    slice: Option<Span>,
 }
 
 /// What a step came to.
@@ -95,6 +114,7 @@ impl<'a> Conductor<'a> {
             now: Instant::START + BEGIN,
             faults: Faults::default(),
             failures: Vec::new(),
+            slice: None,
         }
     }
 
@@ -195,7 +215,12 @@ impl<'a> Conductor<'a> {
         let mut count = awaited.map_or(0, |(_, condition)| condition.occurrences());
         loop {
             let worse = self.faults.next().filter(|next| *next < until);
-            let more = self.rig.step(Limit::until(worse.unwrap_or(until))).await?;
+            let limit = worse.unwrap_or(until);
+            if let Some(slice) = self.slice {
+                let part = self.rig.engine().frontier() + slice;
+                self.rig.step(Limit::until(part.min(limit))).await?;
+            }
+            let more = self.rig.step(Limit::until(limit)).await?;
             self.note_facts()?;
             let hits = self.rig.take_hits();
             if hits.is_empty() && !more {

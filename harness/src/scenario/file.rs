@@ -9,7 +9,7 @@ use torno_protocol::time::Span;
 
 use super::{Action, PATIENCE, Scenario, Step};
 use crate::condition::{RawClaim, RawCondition, words};
-use crate::fault::{Fault, RawFault, span};
+use crate::fault::{Dice, Fault, RawFault, span, text_drawn};
 use crate::rig::file::{RigFile, RigFileError};
 use crate::rig::names::Names;
 use crate::text::{self, Complaint, Invalid, TextError, nearest};
@@ -118,10 +118,11 @@ impl Scenario {
     fn check(raw: RawScenario, file: RigFile, rig: String) -> Result<Self, Complaint> {
         let names = Names::of(&file);
         let seed = raw.seed;
+        let mut dice = Dice::new(seed);
         let mut known: Vec<Fault> = Vec::new();
         let mut faults = Vec::new();
-        for (number, raw) in raw.fault.iter().enumerate() {
-            let planned = raw.plan(&names, number, seed)?;
+        for raw in &raw.fault {
+            let planned = raw.plan(&names, &mut dice)?;
             known.push(planned.fault.clone());
             faults.push(planned);
         }
@@ -129,7 +130,7 @@ impl Scenario {
         for (number, step) in raw.step.into_iter().enumerate() {
             let place = step.span();
             let step = step.into_inner();
-            let action = step.check(&names, &known, number + faults.len(), seed, place)?;
+            let action = step.check(&names, &known, number + 1, &mut dice, place)?;
             if let Action::Break(fault) = &action {
                 known.push(fault.clone());
             }
@@ -141,6 +142,7 @@ impl Scenario {
             rig,
             file,
             seed,
+            drawn: dice.into_drawn(),
             held: raw.held,
             steps,
             faults,
@@ -159,7 +161,7 @@ impl RawStep {
         names: &Names,
         known: &[Fault],
         number: usize,
-        seed: u64,
+        dice: &mut Dice,
         place: std::ops::Range<usize>,
     ) -> Result<Action, Complaint> {
         let mut actions = Vec::new();
@@ -179,7 +181,7 @@ impl RawStep {
             actions.push(Action::Send(bytes.ok_or_else(wrong)?));
         }
         if let Some(run) = &self.run {
-            actions.push(Action::Run(span(run)?));
+            actions.push(Action::Run(span(&text_drawn(run, &format!("step.{number}.run"), dice)?)?));
         }
         if let Some(wait) = &self.wait {
             actions.push(Action::Wait(wait.check(names)?, wait.within.as_ref().map_or(Ok(PATIENCE), span)?));
@@ -188,7 +190,7 @@ impl RawStep {
             if let Some(place) = fault.says_when() {
                 return Err((place, "a step breaks something when its turn comes: expected no at here".to_owned()));
             }
-            actions.push(Action::Break(fault.check(names, number, seed)?));
+            actions.push(Action::Break(fault.check(names, dice)?));
         }
         if let Some(name) = &self.heal {
             let Some(fault) = known.iter().rfind(|fault| fault.name == *name.get_ref()) else {

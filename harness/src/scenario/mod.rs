@@ -8,9 +8,10 @@ mod batch;
 mod conductor;
 mod failure;
 mod file;
+pub mod prose;
 
 pub use batch::{run_all, run_recorded};
-pub use conductor::{Outcome, record, run};
+pub use conductor::{Outcome, record, run, run_in_slices};
 pub use failure::Failure;
 pub use file::ScenarioError;
 
@@ -34,6 +35,8 @@ pub struct Scenario {
     pub file: RigFile,
     /// Everything random comes from it.
     pub seed: u64,
+    /// What has been drawn by lot from it, and for which place of the file.
+    pub drawn: Vec<(String, String)>,
     /// Whether `XOFF` and `XON` hold the PC.
     pub held: bool,
     /// What is done, in order.

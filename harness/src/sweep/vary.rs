@@ -4,6 +4,7 @@ use std::path::Path;
 
 use toml::{Table, Value};
 
+use crate::fault::Range;
 use crate::rig::file::RigFile;
 use crate::scenario::{Scenario, ScenarioError};
 use crate::text::{self, TextError, nearest};
@@ -61,37 +62,20 @@ impl Variation {
         let wrong = |message: &str| SweepError::Variation { text: text.to_owned(), message: message.to_owned() };
         let (path, values) = text.split_once('=').ok_or_else(|| wrong("there is no '='"))?;
         let (path, values) = (path.trim().to_owned(), values.trim());
-        let Some((from, to)) = values.split_once("..") else {
+        let (range, count) = match values.split_once('/') {
+            Some((range, count)) => (range, count.trim().parse().map_err(|_| wrong("COUNT is no number"))?),
+            None => (values, 11),
+        };
+        let Some(range) = Range::parse(range) else {
             return Ok(Self { path, values: values.split(',').map(|value| value.trim().to_owned()).collect() });
         };
-        let (to, count) = match to.split_once('/') {
-            Some((to, count)) => (to, count.trim().parse().map_err(|_| wrong("COUNT is no number"))?),
-            None => (to, 11),
-        };
-        let ((from, unit_from), (to, unit_to)) = (number(from), number(to));
-        let (Some(from), Some(to)) = (from, to) else { return Err(wrong("FROM or TO is no number")) };
-        let unit = if unit_to.is_empty() { unit_from } else { unit_to };
-        if !unit_from.is_empty() && unit_from != unit {
-            return Err(wrong("FROM and TO have different units"));
-        }
+        let range = range.map_err(|message| wrong(&message))?;
         if !(2..=VALUES_MAX).contains(&count) {
             return Err(wrong("COUNT is not from 2 to 10000"));
         }
-        let value = |n: usize| {
-            let value = from + (to - from) * n as f64 / (count - 1) as f64;
-            // What is written in a file must not end in the noise of floating point.
-            let value = (value * 1e9).round() / 1e9;
-            if unit.is_empty() { format!("{value}") } else { format!("{value} {unit}") }
-        };
+        let value = |n: usize| range.at(n as f64 / (count - 1) as f64);
         Ok(Self { path, values: (0..count).map(value).collect() })
     }
-}
-
-/// A number and its unit.
-fn number(text: &str) -> (Option<f64>, &str) {
-    let text = text.trim();
-    let end = text.find(|c: char| !matches!(c, '0'..='9' | '.' | '-' | '+')).unwrap_or(text.len());
-    (text[..end].parse().ok(), text[end..].trim())
 }
 
 /// A scenario's text and its rig's, in which values can be put.
