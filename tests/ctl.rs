@@ -260,7 +260,7 @@ fn the_socket_is_the_owners_and_goes_with_the_rig() {
     drop(UnixListener::bind(&path).unwrap());
     let up = Up::start(&["--control", word]);
     assert_eq!(fs::symlink_metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
-    assert_eq!(ctl(&up, &["pause"])["ns"].is_u64(), true);
+    assert!(ctl(&up, &["pause"])["ns"].is_u64());
     let link = folder.path().join("other");
     let second = output(&["up", "--link", link.to_str().unwrap(), "--control", word]);
     assert_eq!(second.status.code(), Some(2), "{}", stderr(&second));
