@@ -36,7 +36,7 @@ fn fails(motion: [u8; 8], breakage: Breakage, at: f64, slave: Slave, fault: Faul
 fn fails_by(motion: [u8; 8], breakages: Vec<Breakage>, at: f64, slave: Slave, fault: Fault) -> Finale {
     let finale = play(&[TURNING, motion, FEED, INFEED, FEED], breakages);
     assert_eq!(finale.outcome, Outcome::Faulted);
-    assert_eq!(finale.conversation.failures, [(slave, fault)]);
+    assert_eq!(finale.conversation.failures, [(slave.into(), fault)]);
 
     let dump = Dump::of(&finale);
     let can = [CAN, slave.letter(), fault.letter()];
@@ -119,7 +119,7 @@ fn a_motor_that_stalls_in_motion_is_reported_and_switched_off() {
 fn a_spindle_that_stalls_while_it_starts_is_reported() {
     let finale = play(&[TURNING, FEED, FEED], vec![stall("spindle", 0.1)]);
     assert_eq!(finale.outcome, Outcome::Faulted);
-    assert_eq!(finale.conversation.failures, [(Slave::Spindle, Fault::Stalled)]);
+    assert_eq!(finale.conversation.failures, [(Slave::Spindle.into(), Fault::Stalled)]);
     let dump = Dump::of(&finale);
     assert_eq!(dump.bytes("master_to_pc"), [ACK, XOFF, CAN, b's', b's', XON]);
     assert!(dump.replied_at(CAN) < 3 * SECOND + SECOND / 10);
@@ -142,7 +142,7 @@ fn an_axis_that_runs_into_its_end_of_travel_is_reported() {
     for (frame, slave, least) in [(infeed, Slave::Depth, -455..=-445), (feed, Slave::Transverse, -36_050..=-35_950)] {
         let finale = play(&[frame, frame, frame, TURNING], Vec::new());
         assert_eq!(finale.outcome, Outcome::Faulted);
-        assert_eq!(finale.conversation.failures, [(slave, Fault::EndOfTravel)]);
+        assert_eq!(finale.conversation.failures, [(slave.into(), Fault::EndOfTravel)]);
         let can = [CAN, slave.letter(), b'e'];
         let replies = [&[ACK, XOFF, XON, ACK, XOFF][..], &can, &[XON]].concat();
         assert_eq!(Dump::of(&finale).bytes("master_to_pc"), replies);

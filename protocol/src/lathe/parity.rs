@@ -1,5 +1,7 @@
 //! The parity of a slave's parts: what tells "done" from "I was given nothing".
 
+use core::fmt;
+
 /// Whether a slave has taken an even or an odd number of parts since its start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Parity {
@@ -35,6 +37,15 @@ impl Parity {
             Self::Even => Self::Odd,
             Self::Odd => Self::Even,
         }
+    }
+}
+
+impl fmt::Display for Parity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Even => "even",
+            Self::Odd => "odd",
+        })
     }
 }
 
