@@ -243,7 +243,8 @@ fn the_pc_is_told_that_a_frame_is_done_only_if_every_slave_did_its_part() {
         let bytes = SLAVE_LINES[slave as usize].2.len() as u64;
         for (from, until) in (0..=4 * bytes + 4).flat_map(|from| {
             let until = [1, 4, 9, 14, 18, 40].map(|more| part + quarters(from + more)).into_iter();
-            let asked = [1_000.5, 1_011.0, 1_012.5, 1_015.0, 1_032.0, 1_040.0, 2_000.0].map(|ms| seconds(STARTED + ms / 1e3));
+            let asked =
+                [1_000.5, 1_011.0, 1_012.5, 1_015.0, 1_032.0, 1_040.0, 2_000.0].map(|ms| seconds(STARTED + ms / 1e3));
             until.chain(asked).map(move |until| (from, until))
         }) {
             let mut bench = Bench::new(MASTER);

@@ -123,6 +123,10 @@ pub enum Stimulus {
     /// Something hard (a chip, a clamp) stops an axis's carriage so many counts from mid-travel, on the side given by
     /// the sign; one that is beyond it already, where it stands. One a side; 0 removes both. Others ignore it.
     EndStop(i32),
+    /// The board's process is stopped (`true`) or goes on: a hang during which nothing can come from the board. So
+    /// a [`Stimulus::Reset`] or [`Stimulus::Power`] that falls into it happens when the process goes on. The stepping
+    /// loop sees to it; boards are not told.
+    Stop(bool),
 }
 
 /// What a board does.

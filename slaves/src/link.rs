@@ -410,7 +410,11 @@ mod tests {
         let bad = Character { framing_error: true, ..Character::good(1) };
         for power in [false, true] {
             let mut heard = Heard::<1>::new();
-            if power { heard.link.power(Clock::TRUE) } else { heard.link.reset() }
+            if power {
+                heard.link.power(Clock::TRUE)
+            } else {
+                heard.link.reset()
+            }
             heard.byte(0, 9);
             assert_eq!(heard.told(), [(Event::Reset, 0), (Event::Refused, i64::from(b'r'))]);
             heard.character(10_000, bad);

@@ -118,8 +118,8 @@ impl<M: Machine<N, S>, const N: usize, const S: usize> Slave<M, N, S> {
                 self.machine.disturb(now, stimulus);
                 self.sample_unless_at_rest(now);
             }
-            // The stepping loop sees to the first two; the others are for PCs.
-            Stimulus::Hang(_) | Stimulus::Slow(_) => {}
+            // The stepping loop sees to the first three; the others are for PCs.
+            Stimulus::Hang(_) | Stimulus::Slow(_) | Stimulus::Stop(_) => {}
             Stimulus::Write(_) | Stimulus::Discard | Stimulus::Configure { .. } => {}
         }
     }

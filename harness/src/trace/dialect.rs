@@ -213,7 +213,9 @@ impl Reader {
         let begun = conversation.awaiting.take();
         let byte = heard.character.ok();
         let (text, flaw) = match (begun, byte) {
-            (Some(ACK), Some(b)) if let Some(parity) = Parity::from_letter(b) => (format!("ACK: done ({parity})"), false),
+            (Some(ACK), Some(b)) if let Some(parity) = Parity::from_letter(b) => {
+                (format!("ACK: done ({parity})"), false)
+            }
             (Some(CAN), Some(b)) if let Some(fault) = Fault::from_letter(b) => {
                 // Whoever has been given nothing has lost nothing.
                 (format!("CAN: failed ({fault})"), fault != Fault::Restarted || conversation.given)

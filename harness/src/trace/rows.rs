@@ -331,6 +331,8 @@ pub fn rows(trace: &Trace, filter: &Filter) -> Vec<Row> {
 
 fn stimulus_text(stimulus: &Stimulus) -> String {
     match stimulus {
+        Stimulus::Stop(true) => "is stopped".to_owned(),
+        Stimulus::Stop(false) => "goes on".to_owned(),
         Stimulus::Hang(true) => "hangs".to_owned(),
         Stimulus::Hang(false) => "runs on".to_owned(),
         Stimulus::Reset => "is reset".to_owned(),

@@ -234,7 +234,10 @@ mod tests {
 
     #[test]
     fn is_said_in_words() {
-        assert_eq!(Reply::Can(Slave::Transverse.into(), Fault::EndOfTravel).to_string(), "CAN transverse end of travel");
+        assert_eq!(
+            Reply::Can(Slave::Transverse.into(), Fault::EndOfTravel).to_string(),
+            "CAN transverse end of travel"
+        );
         assert_eq!(Reply::Nak(Refusal::CutShort).to_string(), "NAK cut short");
     }
 
