@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use serde::{Deserialize, Serialize};
-use torno_protocol::board::{Board, Deadline, Description, Input, Output, Signal, Stimulus};
+use torno_protocol::board::{Board, Deadline, Description, Heeds, Input, Output, Signal, Stimulus};
 use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{CHARACTER, ENQ, Fault, Frame, Party, RATE, Refusal, Reply, Slave, XOFF, XON};
 use torno_protocol::time::{Instant, Span};
@@ -505,6 +505,7 @@ impl Board for Master {
             ports: ["pc", "spindle", "transverse", "depth"].map(str::to_owned).to_vec(),
             signals: ["frames_distributed", "frame_held", "slaves_busy"].map(|name| Signal::new(name, 0)).to_vec(),
             events: Event::TEXTS.map(str::to_owned).into_iter().chain(refusals).collect(),
+            heeds: vec![Heeds::Reset],
         }
     }
 

@@ -180,6 +180,20 @@ pub struct Description {
     pub signals: Vec<Signal>,
     /// The events' texts; `{}` stands for the value, `{c}` for the value as a character.
     pub events: Vec<String>,
+    /// What it heeds of the stimuli that mean nothing to some boards.
+    pub heeds: Vec<Heeds>,
+}
+
+/// Stimuli that mean something only to boards that have what they are about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Heeds {
+    /// [`Stimulus::Reset`]: it has firmware.
+    Reset,
+    /// [`Stimulus::Stall`], [`Stimulus::Counts`], [`Stimulus::Load`] and [`Stimulus::Supply`]: it has a motor and an
+    /// encoder.
+    Motor,
+    /// [`Stimulus::Backlash`] and [`Stimulus::EndStop`]: its motor drives an axis.
+    Axis,
 }
 
 /// A quantity in a board's telemetry.

@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use serde::Deserialize;
 use toml::{Spanned, Value};
+use torno_protocol::board::Heeds;
 use torno_protocol::clock::Clock;
 use torno_protocol::line::Level;
 use torno_protocol::time::Span;
@@ -57,6 +58,8 @@ pub struct Names {
     pub signals: Vec<Vec<String>>,
     /// The events' texts of each.
     pub events: Vec<Vec<String>>,
+    /// What each heeds.
+    pub heeds: Vec<Vec<Heeds>>,
     /// Lines.
     pub lines: Vec<String>,
     /// What sends on each line: the board and its port.
@@ -74,6 +77,7 @@ impl Names {
         Self {
             signals: described().map(|d| d.signals.iter().map(|signal| signal.name.clone()).collect()).collect(),
             events: described().map(|d| d.events.clone()).collect(),
+            heeds: described().map(|d| d.heeds.clone()).collect(),
             boards,
             lines,
             senders,
@@ -149,7 +153,11 @@ impl RawFault {
             (Some(line), None) => {
                 What::Line(names.line(line)?, self.disturbance(names, seed ^ ((number as u64 + 1) << 32))?)
             }
-            (None, Some(board)) => What::Board(names.board(board)?, self.ailment()?),
+            (None, Some(board)) => {
+                let (node, ailment) = (names.board(board)?, self.ailment()?);
+                self.mean_something(names, node, ailment)?;
+                What::Board(node, ailment)
+            }
             _ => return Err((self.kind.span(), format!("'{kind}': expected the place, either line or board"))),
         };
         let lasts = self.r#for.as_ref().map(span).transpose()?;
@@ -158,6 +166,34 @@ impl RawFault {
             self.line.as_ref().or(self.board.as_ref()).map(|place| place.get_ref().as_str()).unwrap_or_default();
         let name = self.name.as_ref().map_or_else(|| format!("{place} {kind}"), |name| name.get_ref().clone());
         Ok(Fault { name, what, lasts })
+    }
+
+    /// Refuses a name that one of the `known` faults bears: they would hide each other.
+    ///
+    /// # Errors
+    /// Where, and what was expected.
+    pub(crate) fn bear_its_own_name<'a>(
+        &self,
+        fault: &Fault,
+        known: impl IntoIterator<Item = &'a Fault>,
+    ) -> Result<(), Complaint> {
+        if known.into_iter().all(|other| other.name != fault.name) {
+            return Ok(());
+        }
+        let place = self.name.as_ref().map_or_else(|| self.kind.span(), Spanned::span);
+        Err((place, format!("there is a fault '{}' already: expected another name", fault.name)))
+    }
+
+    /// Refuses what would happen to a board without what it happens to.
+    fn mean_something(&self, names: &Names, node: NodeId, ailment: Ailment) -> Result<(), Complaint> {
+        let Some(needed) = ailment.needs() else { return Ok(()) };
+        if names.heeds[node].contains(&needed) {
+            return Ok(());
+        }
+        let heeding = names.boards.iter().zip(&names.heeds).filter(|(_, heeds)| heeds.contains(&needed));
+        let boards: Vec<&str> = heeding.map(|(name, _)| name.as_str()).collect();
+        let message = format!("'{}' means nothing to '{}'", self.kind.get_ref(), names.boards[node]);
+        Err((self.kind.span(), format!("{message}: expected one of the boards {}", boards.join(", "))))
     }
 
     /// What it says beyond its place, its kind and its time, and where.

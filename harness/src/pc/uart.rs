@@ -187,6 +187,7 @@ impl<P: PcProgram> Board for PcUart<P> {
             ports: vec!["cable".to_owned()],
             signals: vec![Signal::new("stopped", 0)],
             events: PcEvent::TEXTS.map(str::to_owned).to_vec(),
+            heeds: Vec::new(),
         }
     }
 

@@ -147,6 +147,7 @@ impl Scenario {
         let mut faults = Vec::new();
         for (number, raw) in raw.fault.iter().enumerate() {
             let fault = raw.check(&names, number, seed)?;
+            raw.bear_its_own_name(&fault, &known)?;
             let trigger = match (&raw.at, &raw.when) {
                 (Some(at), None) => Trigger::At(Instant::START + span(at)?),
                 (None, Some(when)) => Trigger::When(when.check(&names)?),
@@ -157,12 +158,21 @@ impl Scenario {
             faults.push((trigger, fault));
         }
         let mut steps = Vec::new();
+        let mut healed: Vec<String> = Vec::new();
         for (number, step) in raw.step.into_iter().enumerate() {
             let place = step.span();
             let step = step.into_inner();
             let action = step.check(&names, &known, number + faults.len(), seed, place)?;
-            if let Action::Break(fault) = &action {
-                known.push(fault.clone());
+            let raw_break = step.r#break.as_ref();
+            match &action {
+                Action::Break(fault) => {
+                    let standing = known.iter().filter(|other| !healed.contains(&other.name));
+                    raw_break.iter().try_for_each(|raw| raw.bear_its_own_name(fault, standing.clone()))?;
+                    healed.retain(|name| *name != fault.name);
+                    known.push(fault.clone());
+                }
+                Action::Heal(name) => healed.push(name.clone()),
+                _ => {}
             }
             steps.push(Step { does: step.does, action });
         }
