@@ -432,6 +432,22 @@ fn a_slave_that_does_not_answer_at_the_start_is_told_of_at_once() {
 }
 
 #[test]
+fn an_answer_that_is_spoilt_between_its_characters_is_none() {
+    let mut bench = Bench::new();
+    bench.send(0, &FRAME);
+    [1, 3].into_iter().for_each(|port| bench.done(port));
+    assert_eq!(bench.replies(), [ACK]);
+    bench.send(2, &[ACK]);
+    bench.transmitters[2] = Transmitter::hardware(Rate::hz(4800), Clock::TRUE);
+    bench.send(2, &[0]);
+    bench.transmitters[2] = Transmitter::hardware(RATE, Clock::TRUE);
+    bench.send(2, &ODD[1..]);
+    assert_eq!(bench.replies(), []);
+    bench.done(2);
+    assert_eq!(bench.replies(), [XON]);
+}
+
+#[test]
 fn an_idle_slave_that_has_taken_nothing_has_missed_its_part() {
     let mut bench = Bench::new();
     bench.send(0, &FRAME);

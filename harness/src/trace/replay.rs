@@ -262,6 +262,7 @@ mod tests {
         let stimulus = prop_oneof![
             Just(Stimulus::Reset),
             any::<bool>().prop_map(Stimulus::Hang),
+            any::<bool>().prop_map(Stimulus::Stop),
             any::<bool>().prop_map(Stimulus::Power),
             any::<bool>().prop_map(Stimulus::Stall),
             (0..500u64).prop_map(|us| Stimulus::Slow(Span::from_micros(us))),
