@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 
 use common::play::*;
-use common::{ACK, XOFF, XON, folder, is_installed, json, output};
+use common::{ACK, CAN, XOFF, XON, folder, is_installed, json, output};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde_json::Value;
@@ -245,18 +245,22 @@ fn every_line_carries_exactly_what_it_must() {
     let mut enquiries = 0;
     for (to, from, part) in SLAVE_LINES {
         let mut parts = Vec::new();
-        let mut answers = Vec::new();
-        for (_, burst) in dump.bursts(to) {
+        // Asked at the start, it has just started.
+        let mut answers = vec![CAN, b'r'];
+        let mut bursts = dump.bursts(to).into_iter();
+        assert_eq!(bursts.next().map(|(_, burst)| burst), Some(vec![ENQ]), "{to}");
+        let mut done = (0..frames.len()).flat_map(|n| [ACK, if n % 2 == 0 { b'o' } else { b'e' }]);
+        for (_, burst) in bursts {
             if burst == [ENQ] {
                 enquiries += 1;
                 answers.push(BEL);
             } else {
                 // The last part is done before the next one comes.
-                answers.extend((!parts.is_empty()).then_some(ACK));
+                answers.extend(done.by_ref().take(if parts.is_empty() { 0 } else { 2 }));
                 parts.push(burst);
             }
         }
-        answers.push(ACK);
+        answers.extend(done);
         assert_eq!(parts, frames.iter().map(|frame| frame[part.clone()].to_vec()).collect::<Vec<_>>(), "{to}");
         assert_eq!(dump.bytes(from), answers, "{from}");
     }

@@ -384,6 +384,30 @@ fn what_is_wrong_with_a_file_is_told() {
             "5:7",
             "expected which character, from 1, found 0",
         ),
+        (
+            fault("board = \"master\"\nkind = \"stall\""),
+            "4:8",
+            "'stall' means nothing to 'master': expected one of the boards spindle, transverse, depth",
+        ),
+        (fault("board = \"pc\"\nkind = \"load\"\nvalue = \"3 %\""), "4:8", "'load' means nothing to 'pc'"),
+        (fault("board = \"pc\"\nkind = \"reset\""), "4:8", "expected one of the boards master, spindle, transverse"),
+        (
+            fault("board = \"spindle\"\nkind = \"backlash\"\nvalue = 3"),
+            "4:8",
+            "'backlash' means nothing to 'spindle': expected one of the boards transverse, depth",
+        ),
+        (
+            fault(
+                "name = \"x\"\nboard = \"depth\"\nkind = \"hang\"\n[[fault]]\nname = \"x\"\nboard = \"depth\"\nkind = \"stall\"",
+            ),
+            "7:8",
+            "there is a fault 'x' already: expected another name",
+        ),
+        (
+            step("break = { board = \"depth\", kind = \"hang\" }\n[[fault]]\nboard = \"depth\"\nkind = \"hang\""),
+            "4:35",
+            "there is a fault 'depth hang' already",
+        ),
         (step("wait = { reply = \"XON\", character = 2 }"), "4:37", "expected which one of a line"),
         (step("wait = { line = \"pc_to_master\", character = 0 }"), "4:45", "from 1"),
         (fault("board = \"depth\"\nkind = \"crash\"\nfro = \"1 s\""), "5:1", "unknown field `fro`"),

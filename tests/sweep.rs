@@ -57,7 +57,7 @@ fn a_failure_names_the_fewest_faults_that_cause_it() {
     let folder = folder();
     let path = folder.path().join("three.toml");
     let harmless = "\n[[fault]]\nboard = \"depth\"\nkind = \"clock\"\nvalue = \"1 %\"\n";
-    let fatal = "\n[[fault]]\nname = \"cable\"\nline = \"depth_to_master\"\nkind = \"cut\"\n";
+    let fatal = "\n[[fault]]\nname = \"cable\"\nline = \"depth_to_master\"\nkind = \"cut\"\nat = \"10 ms\"\n";
     let slow = "\n[[fault]]\nboard = \"spindle\"\nkind = \"slow\"\nvalue = \"10 us\"\n";
     fs::write(&path, fs::read_to_string(CLOCK).unwrap() + harmless + fatal + slow).unwrap();
     let output = output(&["sweep", path.to_str().unwrap(), "--seeds", "2"]);

@@ -3,9 +3,9 @@
 use std::collections::VecDeque;
 
 use serde::{Deserialize, Serialize};
-use torno_protocol::board::{Board, Deadline, Description, Input, Output, Signal, Stimulus, Wait};
+use torno_protocol::board::{Board, Deadline, Description, Heeds, Input, Output, Signal, Stimulus, Wait};
 use torno_protocol::clock::Clock;
-use torno_protocol::lathe::{CHARACTER, ENQ, Fault, Frame, RATE, Refusal, Reply, Slave, XOFF, XON};
+use torno_protocol::lathe::{CHARACTER, ENQ, Fault, Frame, Party, RATE, Refusal, Reply, Slave, XOFF, XON};
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::{Character, Receiver, TickTimer, Transmitter};
 
@@ -15,8 +15,12 @@ use crate::supervision::{Due, Patience, Report, Supervision};
 /// The port to the PC; the slaves' ports follow, in the order of [`Slave::ALL`].
 const PC: u8 = 0;
 /// Silence between an enquiry and the next sub-frame on a link. An enquiry can cross the slave's `ACK`; after this
-/// silence it cannot be taken for the first byte of a sub-frame, and its answer has come. (Ours.)
-const AFTER_ENQUIRY: Span = CHARACTER.times(5);
+/// silence it cannot be taken for the first byte of a sub-frame, and its answer has come: two characters after the
+/// slave's gap of three, behind the two that it crossed. (Ours.)
+const AFTER_ENQUIRY: Span = CHARACTER.times(7);
+/// The master is silent for so long after its start: longer than a character that the start has cut short, so that none
+/// spoils what it says first. (Ours.)
+const START_UP: Span = Span::from_millis(2);
 
 /// The master's settings in the rig file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -24,7 +28,8 @@ const AFTER_ENQUIRY: Span = CHARACTER.times(5);
 pub struct MasterSettings {
     /// How often a busy slave is asked whether it is there, in milliseconds. Default 1000, range 100…10 000.
     pub enquiry_period_ms: u32,
-    /// How long it may take to answer, in milliseconds. Default 20, range 5…1000.
+    /// How long it may take to answer, in milliseconds. Default 20, range 8…1000: an idle axis takes 6.3 ms, one
+    /// character for the enquiry, a gap of three to be sure of it, and two for the answer.
     pub answer_ms: u32,
     /// How many enquiries in a row may go unanswered. Default 3, range 2…10: two enquiries after a sub-frame are more
     /// than a slave's receiver holds, so one that hangs until it is given up finds an overrun and executes nothing.
@@ -45,7 +50,7 @@ impl MasterSettings {
     pub fn check(&self) -> Result<(), String> {
         let ranges = [
             ("enquiry_period_ms", self.enquiry_period_ms, 100..=10_000),
-            ("answer_ms", self.answer_ms, 5..=1000),
+            ("answer_ms", self.answer_ms, 8..=1000),
             ("enquiries", self.enquiries, 2..=10),
         ];
         match ranges.iter().find(|(_, value, range)| !range.contains(value)) {
@@ -76,6 +81,7 @@ pub struct Master {
 /// Everything that a reset loses.
 #[derive(Clone, Debug)]
 struct Firmware {
+    beginning: Beginning,
     assembly: Assembly,
     pc: Transmitter,
     links: [Link; 3],
@@ -94,6 +100,17 @@ struct Link {
     supervision: Supervision,
     /// No sub-frame may start before.
     clear_at: Instant,
+}
+
+/// What the PC must be told of the master's start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Beginning {
+    /// Its supply has come. For all that is known, so has everybody's: nobody waits for anything.
+    WithTheMachine,
+    /// It has started anew amid the machine's work. The PC is to be told then.
+    Alone(Instant),
+    /// No more: it has been told, or need not be.
+    Over,
 }
 
 /// A frame on its way to the slaves.
@@ -155,12 +172,14 @@ impl Master {
     /// A master as at power-on.
     pub fn new(settings: &MasterSettings, clock: Clock) -> Self {
         let timer = TickTimer::new(RATE, clock);
-        let firmware = Firmware::new(clock, &timer, settings.patience(clock));
+        let firmware = Firmware::new(Instant::START, true, clock, &timer, settings.patience(clock));
         Self { settings: settings.clone(), clock, timer, firmware, outputs: VecDeque::new() }
     }
 
-    fn restart(&mut self) {
-        self.firmware = Firmware::new(self.clock, &self.timer, self.settings.patience(self.clock));
+    /// The firmware starts anew: because its supply has come, or for another reason.
+    fn restart(&mut self, now: Instant, power_on: bool) {
+        let patience = self.settings.patience(self.clock);
+        self.firmware = Firmware::new(now, power_on, self.clock, &self.timer, patience);
         self.outputs.extend((PC..=3).map(|port| Output::Cut { port }));
         self.event(Event::Reset, 0);
         for quantity in [Quantity::FramesDistributed, Quantity::FrameHeld, Quantity::SlavesBusy] {
@@ -231,6 +250,15 @@ impl Master {
         }
     }
 
+    /// Tells the PC that the master has started anew amid the machine's work. What was held is lost, and whether the PC
+    /// is held is not known: it is taken to be, so that its silence counts from the `XON`.
+    fn confess(&mut self, now: Instant) {
+        self.reply(Reply::Can(Party::Master, Fault::Restarted));
+        self.firmware.assembly.hold(true);
+        self.firmware.assembly.stop(now);
+        self.give_up(now);
+    }
+
     fn distribute(&mut self, now: Instant, frame: Frame) {
         let clear = self.firmware.links.iter().map(|link| link.clear_at).max().unwrap_or(now);
         if clear > now {
@@ -257,12 +285,23 @@ impl Master {
 
     fn hear_slave(&mut self, now: Instant, slave: Slave, character: Character) {
         let letter = i64::from(slave.letter());
+        let supervision = &mut self.firmware.links[slave as usize].supervision;
         let Some(byte) = character.ok() else {
+            supervision.spoilt();
             self.event(Event::SlaveLineError, letter);
             return;
         };
-        match self.firmware.links[slave as usize].supervision.byte(now, byte) {
-            Report::Done => {
+        let was_unknown = supervision.is_unknown();
+        let report = supervision.byte(now, byte);
+        let found_at_work = was_unknown && !supervision.is_unknown() && report != Report::Started;
+        if found_at_work {
+            self.report_busy();
+            if self.firmware.beginning == Beginning::WithTheMachine {
+                self.confess(now);
+            }
+        }
+        match report {
+            Report::Done | Report::Started => {
                 self.report_busy();
                 self.check_done(now);
             }
@@ -286,8 +325,7 @@ impl Master {
         self.check_done(now);
     }
 
-    /// Tells the PC; what was held is not executed, and nothing more is accepted until the PC's line has been silent:
-    /// with one frame missing, the relative frames that follow would turn a different part.
+    /// Tells the PC.
     fn fail(&mut self, now: Instant, slave: Slave, fault: Fault) {
         let event = match fault {
             Fault::NoAnswer => Event::SlaveLost,
@@ -297,7 +335,14 @@ impl Master {
             Fault::Restarted => Event::SlaveRestarted,
         };
         self.event(event, i64::from(slave.letter()));
-        self.reply(Reply::Can(slave, fault));
+        self.reply(Reply::Can(slave.into(), fault));
+        self.give_up(now);
+    }
+
+    /// What was held is not executed, and nothing more is accepted until the PC's line has been silent: with one frame
+    /// missing, the relative frames that follow would turn a different part.
+    fn give_up(&mut self, now: Instant) {
+        self.firmware.beginning = Beginning::Over;
         if self.firmware.held.take().is_some() {
             self.telemetry(Quantity::FrameHeld, 0);
         }
@@ -306,6 +351,10 @@ impl Master {
 
     fn check_done(&mut self, now: Instant) {
         if self.firmware.is_busy() {
+            return;
+        }
+        let beginning = core::mem::replace(&mut self.firmware.beginning, Beginning::Over);
+        if beginning == Beginning::WithTheMachine && self.firmware.held.is_none() {
             return;
         }
         self.event(Event::AllDone, 0);
@@ -318,12 +367,16 @@ impl Master {
     }
 
     fn report_busy(&mut self) {
-        let busy = |link: &Link| link.supervision.is_busy();
+        let busy = |link: &Link| link.supervision.is_busy() && !link.supervision.is_unknown();
         let mask = self.firmware.links.iter().rev().fold(0, |mask, link| mask << 1 | i64::from(busy(link)));
         self.telemetry(Quantity::SlavesBusy, mask);
     }
 
     fn handle_deadlines(&mut self, now: Instant) {
+        if matches!(self.firmware.beginning, Beginning::Alone(at) if at <= now) {
+            self.confess(now);
+            self.check_done(now);
+        }
         if self.firmware.assembly.poll_timeout().is_some_and(|at| at <= now)
             && let Some(refusal) = self.firmware.assembly.handle_silence()
         {
@@ -367,13 +420,15 @@ impl Master {
 }
 
 impl Firmware {
-    fn new(clock: Clock, timer: &TickTimer, patience: Patience) -> Self {
+    fn new(now: Instant, power_on: bool, clock: Clock, timer: &TickTimer, patience: Patience) -> Self {
+        let ready = now + clock.span(START_UP);
         let link = |n| Link {
             transmitter: timer.transmitter(n),
-            supervision: Supervision::new(patience),
+            supervision: Supervision::new(patience, ready),
             clear_at: Instant::START,
         };
         Self {
+            beginning: if power_on { Beginning::WithTheMachine } else { Beginning::Alone(ready) },
             assembly: Assembly::new(clock),
             pc: Transmitter::hardware(RATE, clock),
             links: [link(0), link(1), link(2)],
@@ -394,7 +449,8 @@ impl Firmware {
     }
 
     fn is_busy(&self) -> bool {
-        self.distribution.is_some() || self.links.iter().any(|link| link.supervision.is_busy())
+        let begins = matches!(self.beginning, Beginning::Alone(_));
+        begins || self.distribution.is_some() || self.links.iter().any(|link| link.supervision.is_busy())
     }
 
     /// A slave that does not answer and that the frame would move.
@@ -434,7 +490,11 @@ impl Firmware {
             Some(Distribution::Waiting { until, .. }) => Some(until),
             Some(Distribution::Sending) => self.links.iter().map(|link| link.transmitter.free_at()).max(),
         };
-        loads.chain(watches).chain(distribution).min()
+        let beginning = match self.beginning {
+            Beginning::Alone(at) => Some(at),
+            Beginning::WithTheMachine | Beginning::Over => None,
+        };
+        loads.chain(watches).chain(distribution).chain(beginning).min()
     }
 }
 
@@ -446,6 +506,7 @@ impl Board for Master {
             signals: ["frames_distributed", "frame_held", "slaves_busy"].map(|name| Signal::new(name, 0)).to_vec(),
             events: Event::TEXTS.map(str::to_owned).into_iter().chain(refusals).collect(),
             waits: vec![Wait { signal: Quantity::SlavesBusy as u8, ports: vec![1, 2, 3] }],
+            heeds: vec![Heeds::Reset],
         }
     }
 
@@ -462,7 +523,8 @@ impl Board for Master {
                     self.hear_slave(now, *slave, character);
                 }
             }
-            Input::Stimulus(Stimulus::Reset | Stimulus::Power(_)) => self.restart(),
+            Input::Stimulus(Stimulus::Reset) => self.restart(now, false),
+            Input::Stimulus(Stimulus::Power(_)) => self.restart(now, true),
             Input::Stimulus(Stimulus::Clock(clock)) => self.retune(now, clock),
             Input::Stimulus(_) => {}
         }

@@ -1,6 +1,6 @@
-//! Supervises one slave: knows whether it is busy, and enquires while it is.
+//! Supervises one slave: knows whether it is busy, enquires while it is, and counts the parts that it is given.
 
-use torno_protocol::lathe::{ACK, BEL, CAN, Fault};
+use torno_protocol::lathe::{ACK, BEL, CAN, Fault, Parity};
 use torno_protocol::time::{Instant, Span};
 
 /// How a busy slave is watched. (Ours: the paper says that the master monitors, not how.)
@@ -19,8 +19,14 @@ pub(crate) struct Patience {
 pub(crate) struct Supervision {
     patience: Patience,
     state: State,
-    /// `CAN` has come; the letter that follows says why.
-    cancelling: bool,
+    /// Nothing has been heard of it since the master's start: it may be at anything.
+    unknown: bool,
+    /// What it says once it has executed what it was given, if the master has the count.
+    parity: Option<Parity>,
+    /// Its parity did not fit: unless the next answer tells otherwise, it has missed its part.
+    doubted: bool,
+    /// `ACK` or `CAN` has come; the letter that follows says which or why.
+    awaiting: Option<u8>,
     /// How it failed at what it was told last.
     failed: Option<Fault>,
 }
@@ -40,6 +46,8 @@ enum State {
 pub(crate) enum Report {
     /// It is done with what it was told.
     Done,
+    /// It has started anew while nothing was known of it.
+    Started,
     /// It failed.
     Failed(Fault),
     /// It answers again.
@@ -62,8 +70,10 @@ pub(crate) enum Due {
 }
 
 impl Supervision {
-    pub(crate) const fn new(patience: Patience) -> Self {
-        Self { patience, state: State::Idle, cancelling: false, failed: None }
+    /// Nothing is known of the slave. It is asked from `at` on.
+    pub(crate) const fn new(patience: Patience, at: Instant) -> Self {
+        let state = State::Busy { deadline: at, unanswered: 0, next_period: at };
+        Self { patience, state, unknown: true, parity: None, doubted: false, awaiting: None, failed: None }
     }
 
     /// Watches like this from the next deadline on.
@@ -73,8 +83,10 @@ impl Supervision {
 
     /// The slave is being given its part of a frame. One that does not answer gets it too, but is not waited for.
     pub(crate) fn start(&mut self, now: Instant) {
-        self.cancelling = false;
+        self.awaiting = None;
         self.failed = None;
+        self.doubted = false;
+        self.parity = self.parity.map(Parity::next);
         if self.state != State::Lost {
             self.watch(now);
         }
@@ -85,8 +97,13 @@ impl Supervision {
         self.state = State::Busy { deadline, unanswered: 0, next_period: deadline };
     }
 
+    /// It is busy, for all that is known.
     pub(crate) fn is_busy(&self) -> bool {
         matches!(self.state, State::Busy { .. })
+    }
+
+    pub(crate) const fn is_unknown(&self) -> bool {
+        self.unknown
     }
 
     pub(crate) fn is_lost(&self) -> bool {
@@ -105,6 +122,7 @@ impl Supervision {
         let State::Busy { unanswered, next_period, .. } = self.state else { return Due::Nothing };
         if unanswered >= self.patience.enquiries {
             self.state = State::Lost;
+            (self.unknown, self.doubted, self.parity) = (false, false, None);
             return Due::Lost;
         }
         let next_period = if unanswered == 0 { now + self.patience.period } else { next_period };
@@ -114,44 +132,75 @@ impl Supervision {
 
     /// The slave sent a byte.
     pub(crate) fn byte(&mut self, now: Instant, byte: u8) -> Report {
-        if core::mem::take(&mut self.cancelling) {
-            return match Fault::from_letter(byte) {
-                Some(fault) => self.failed(fault),
-                None => Report::OutOfPlace,
-            };
+        match (self.awaiting.take(), byte) {
+            (Some(ACK), letter) if let Some(parity) = Parity::from_letter(letter) => self.acknowledged(now, parity),
+            (Some(CAN), letter) if let Some(fault) = Fault::from_letter(letter) => self.failed(fault),
+            (broken, ACK | CAN) => {
+                self.awaiting = Some(byte);
+                if broken.is_some() { Report::OutOfPlace } else { Report::Nothing }
+            }
+            (_, BEL) => self.busy(now),
+            _ => Report::OutOfPlace,
         }
-        match (byte, self.state) {
-            (CAN, _) => {
-                self.cancelling = true;
-                Report::Nothing
-            }
-            (ACK, State::Lost) => {
-                self.state = State::Idle;
-                Report::Back
-            }
+    }
+
+    /// A character from the slave was spoilt: what it belonged to is none.
+    pub(crate) const fn spoilt(&mut self) {
+        self.awaiting = None;
+    }
+
+    fn busy(&mut self, now: Instant) -> Report {
+        match self.state {
             // It is still at what it was told before it was lost: what comes next must wait for it.
-            (BEL, State::Lost) => {
+            State::Lost => {
                 self.watch(now);
                 Report::Back
             }
-            (ACK, State::Busy { .. }) => {
-                self.state = State::Idle;
-                Report::Done
-            }
-            // The answer to an enquiry that crossed the first `ACK`.
-            (ACK, State::Idle) => Report::Nothing,
-            (BEL, State::Busy { next_period, .. }) => {
+            State::Busy { next_period, .. } => {
+                (self.unknown, self.doubted) = (false, false);
                 self.state = State::Busy { deadline: next_period, unanswered: 0, next_period };
                 Report::Nothing
             }
-            _ => Report::OutOfPlace,
+            State::Idle => Report::OutOfPlace,
+        }
+    }
+
+    fn acknowledged(&mut self, now: Instant, parity: Parity) -> Report {
+        let fits = self.parity.is_none_or(|expected| expected == parity);
+        match self.state {
+            State::Busy { next_period, .. } if !fits && !self.doubted => {
+                // It may have been said before the part was sent. When that has arrived, the slave is asked.
+                self.doubted = true;
+                self.state = State::Busy { deadline: now + self.patience.answer, unanswered: 0, next_period };
+                Report::Nothing
+            }
+            State::Busy { .. } => {
+                (self.state, self.unknown, self.parity) = (State::Idle, false, Some(parity));
+                if fits {
+                    return Report::Done;
+                }
+                self.failed = Some(Fault::Garbled);
+                Report::Failed(Fault::Garbled)
+            }
+            State::Lost => {
+                (self.state, self.parity) = (State::Idle, Some(parity));
+                Report::Back
+            }
+            // The answer to an enquiry that crossed the first one.
+            State::Idle => {
+                self.parity = Some(parity);
+                Report::Nothing
+            }
         }
     }
 
     /// A slave that says how it failed has answered, so it may be given new instructions.
     fn failed(&mut self, fault: Fault) -> Report {
+        let unknown = core::mem::take(&mut self.unknown);
+        self.parity = (fault == Fault::Restarted).then_some(Parity::Even);
         match (core::mem::replace(&mut self.state, State::Idle), fault) {
             (State::Lost, _) => Report::Back,
+            (_, Fault::Restarted) if unknown => Report::Started,
             // The answer to an enquiry that is over: it has been given nothing to miss.
             (State::Idle, Fault::Garbled | Fault::Restarted) => Report::Nothing,
             // The answer to an enquiry that crossed the report.
@@ -168,16 +217,31 @@ impl Supervision {
 mod tests {
     use super::*;
 
+    const EVEN: [u8; 2] = [ACK, b'e'];
+    const ODD: [u8; 2] = [ACK, b'o'];
     const PATIENCE: Patience = Patience { period: Span::from_secs(1), answer: Span::from_millis(20), enquiries: 3 };
 
     fn ms(ms: u64) -> Instant {
         Instant::START + Span::from_millis(ms)
     }
 
+    fn say(slave: &mut Supervision, bytes: [u8; 2]) -> Report {
+        assert_eq!(slave.byte(ms(1_005), bytes[0]), Report::Nothing);
+        slave.byte(ms(1_006), bytes[1])
+    }
+
+    /// One that has started with the master.
+    fn idle() -> Supervision {
+        let mut slave = Supervision::new(PATIENCE, ms(0));
+        assert_eq!(slave.handle_timeout(ms(0)), Due::Enquiry);
+        assert_eq!(say(&mut slave, [CAN, b'r']), Report::Started);
+        slave
+    }
+
     fn busy() -> Supervision {
-        let mut supervision = Supervision::new(PATIENCE);
-        supervision.start(ms(0));
-        supervision
+        let mut slave = idle();
+        slave.start(ms(0));
+        slave
     }
 
     fn lost() -> Supervision {
@@ -199,7 +263,7 @@ mod tests {
             assert_eq!(slave.handle_timeout(ms(1000 * second)), Due::Enquiry);
             assert_eq!(slave.byte(ms(0), BEL), Report::Nothing);
         }
-        assert_eq!(slave.byte(ms(0), ACK), Report::Done);
+        assert_eq!(say(&mut slave, ODD), Report::Done);
         assert_eq!(slave.poll_timeout(), None);
     }
 
@@ -209,7 +273,8 @@ mod tests {
         assert!(slave.is_lost() && !slave.is_busy());
         slave.start(ms(2000));
         assert!(slave.is_lost(), "instructions alone do not bring it back");
-        assert_eq!(slave.byte(ms(0), ACK), Report::Back);
+        assert_eq!(slave.byte(ms(0), ACK), Report::Nothing);
+        assert_eq!(slave.byte(ms(1), b'e'), Report::Back);
     }
 
     #[test]
@@ -217,7 +282,9 @@ mod tests {
         let mut slave = lost();
         assert_eq!(slave.byte(ms(5000), BEL), Report::Back);
         assert_eq!(slave.poll_timeout(), Some(ms(6000)));
-        assert_eq!(slave.byte(ms(5500), ACK), Report::Done);
+        assert_eq!(say(&mut slave, EVEN), Report::Done, "nobody has the count any more");
+        slave.start(ms(6_000));
+        assert_eq!([say(&mut slave, EVEN), say(&mut slave, EVEN)][1], Report::Failed(Fault::Garbled));
     }
 
     #[test]
@@ -255,7 +322,7 @@ mod tests {
     fn a_missed_part_is_a_fault_only_of_a_slave_that_was_given_one() {
         let garbled = |mut slave: Supervision| [CAN, b'g'].map(|byte| slave.byte(ms(1_001), byte))[1];
         assert_eq!(garbled(busy()), Report::Failed(Fault::Garbled));
-        assert_eq!(garbled(Supervision::new(PATIENCE)), Report::Nothing);
+        assert_eq!(garbled(idle()), Report::Nothing);
         assert_eq!(garbled(lost()), Report::Back);
     }
 
@@ -265,5 +332,64 @@ mod tests {
         slave.byte(ms(0), CAN);
         assert_eq!(slave.byte(ms(0), 0xff), Report::OutOfPlace);
         assert!(slave.is_busy());
+    }
+
+    #[test]
+    fn an_idle_slave_that_has_taken_nothing_has_missed_its_part() {
+        let mut slave = busy();
+        assert_eq!(say(&mut slave, ODD), Report::Done);
+        slave.start(ms(1_100));
+        assert_eq!(say(&mut slave, ODD), Report::Nothing, "it may have been under way before");
+        assert_eq!(slave.poll_timeout(), Some(ms(1_026)));
+        assert_eq!(slave.handle_timeout(ms(1_026)), Due::Enquiry);
+        assert_eq!(say(&mut slave, ODD), Report::Failed(Fault::Garbled));
+        slave.start(ms(1_200));
+        assert_eq!(say(&mut slave, EVEN), Report::Done, "and takes the next");
+    }
+
+    #[test]
+    fn a_parity_that_does_not_fit_is_forgotten_when_the_slave_is_busy_after_all() {
+        let mut slave = busy();
+        say(&mut slave, EVEN);
+        assert_eq!(slave.byte(ms(1_030), BEL), Report::Nothing);
+        assert_eq!(say(&mut slave, EVEN), Report::Nothing, "not the second in a row");
+        assert_eq!(say(&mut slave, ODD), Report::Done);
+    }
+
+    #[test]
+    fn without_its_letter_an_ack_is_none() {
+        let mut slave = busy();
+        slave.byte(ms(0), ACK);
+        assert_eq!(slave.byte(ms(1), b'd'), Report::OutOfPlace);
+        assert_eq!(slave.byte(ms(2), b'o'), Report::OutOfPlace);
+        slave.byte(ms(3), ACK);
+        slave.spoilt();
+        assert_eq!(slave.byte(ms(4), b'o'), Report::OutOfPlace);
+        slave.byte(ms(5), ACK);
+        assert_eq!(slave.byte(ms(6), ACK), Report::OutOfPlace, "the first one");
+        assert_eq!(slave.byte(ms(7), b'o'), Report::Done);
+    }
+
+    #[test]
+    fn after_a_fault_the_slave_has_the_count() {
+        let mut slave = busy();
+        assert_eq!(say(&mut slave, [CAN, b's']), Report::Failed(Fault::Stalled));
+        slave.start(ms(2_000));
+        assert_eq!(say(&mut slave, EVEN), Report::Done);
+        slave.start(ms(3_000));
+        assert_eq!(say(&mut slave, EVEN), Report::Nothing);
+        assert_eq!(say(&mut slave, [CAN, b'r']), Report::Failed(Fault::Restarted));
+        slave.start(ms(4_000));
+        assert_eq!(say(&mut slave, ODD), Report::Done, "it counts from 0 again");
+    }
+
+    #[test]
+    fn one_that_is_busy_at_the_masters_start_is_waited_for() {
+        let mut slave = Supervision::new(PATIENCE, ms(2));
+        assert_eq!((slave.is_busy(), slave.is_unknown(), slave.poll_timeout()), (true, true, Some(ms(2))));
+        assert_eq!(slave.handle_timeout(ms(2)), Due::Enquiry);
+        assert_eq!(slave.byte(ms(8), BEL), Report::Nothing);
+        assert_eq!((slave.is_busy(), slave.is_unknown(), slave.poll_timeout()), (true, false, Some(ms(1_002))));
+        assert_eq!(say(&mut slave, EVEN), Report::Done);
     }
 }

@@ -14,6 +14,10 @@ use torno_protocol::uart::{Character, Receiver, Transmitter};
 
 const FRAME: [u8; 8] = [0x4b, 0x70, 0x23, 0x28, 0x01, 0x00, 0x38, 0x00];
 const AT_REST: [u8; 8] = [0; 8];
+/// What slaves that have started with the master answer.
+const STARTED: [u8; 2] = [CAN, b'r'];
+const EVEN: [u8; 2] = [ACK, b'e'];
+const ODD: [u8; 2] = [ACK, b'o'];
 
 /// A master with the test at the other end of its four ports.
 struct Bench {
@@ -21,6 +25,8 @@ struct Bench {
     now: Instant,
     transmitters: Vec<Transmitter>,
     receivers: Vec<Receiver>,
+    /// How many parts each slave has executed.
+    parts: [u64; 3],
 }
 
 impl Bench {
@@ -28,12 +34,31 @@ impl Bench {
         Self::with_pc_at(RATE)
     }
 
+    /// The machine has been switched on, and all slaves have answered.
     fn with_pc_at(baud: Rate) -> Self {
+        let mut bench = Self::switched_on(baud);
+        bench.slaves_answer([&STARTED; 3]);
+        bench.run(ms(2));
+        assert_eq!(bench.received(0), [], "there is nothing to tell");
+        bench
+    }
+
+    fn switched_on(baud: Rate) -> Self {
         let master = Master::new(&MasterSettings::default(), Clock::TRUE);
         let mut transmitters = vec![Transmitter::hardware(RATE, Clock::TRUE); 4];
         transmitters[0] = Transmitter::hardware(baud, Clock::TRUE);
         let receivers = vec![Receiver::hardware(RATE, Clock::TRUE); 4];
-        Self { cell: Cell::new(master), now: Instant::from_nanos(1_000_000), transmitters, receivers }
+        let now = Instant::from_nanos(1_000_000);
+        Self { cell: Cell::new(master), now, transmitters, receivers, parts: [0; 3] }
+    }
+
+    /// The master, just started, asks all slaves; these answer so.
+    fn slaves_answer(&mut self, answers: [&[u8]; 3]) {
+        self.run(ms(4));
+        for (port, answer) in (1..).zip(answers) {
+            assert_eq!(self.received(port), [ENQ]);
+            self.send(port, answer);
+        }
     }
 
     /// Sends bytes to a port back to back, and lets them arrive.
@@ -57,6 +82,12 @@ impl Bench {
         self.now = until;
     }
 
+    /// A stimulus so many milliseconds from now.
+    fn stimulate(&mut self, ms: u64, stimulus: Stimulus) {
+        let at = self.now + Span::from_millis(ms);
+        self.cell.hear(&Heard::Stimulus { at, stimulus });
+    }
+
     fn run(&mut self, span: Span) {
         self.run_to(self.now + span);
     }
@@ -75,9 +106,16 @@ impl Bench {
         self.received(0)
     }
 
+    /// A slave reports one part more.
+    fn done(&mut self, port: usize) {
+        self.parts[port - 1] += 1;
+        let parity = if self.parts[port - 1].is_multiple_of(2) { EVEN } else { ODD };
+        self.send(port, &parity);
+    }
+
     /// All three slaves report done.
     fn slaves_done(&mut self) {
-        (1..=3).for_each(|port| self.send(port, &[ACK]));
+        (1..=3).for_each(|port| self.done(port));
     }
 }
 
@@ -188,7 +226,7 @@ fn a_busy_slave_is_asked_once_a_second() {
     bench.send(0, &FRAME);
     bench.run(ms(20));
     (1..=3).for_each(|port| drop(bench.received(port)));
-    [1, 3].iter().for_each(|port| bench.send(*port, &[ACK]));
+    [1, 3].into_iter().for_each(|port| bench.done(port));
     for _ in 0..5 {
         bench.run(ms(985));
         assert_eq!(bench.received(2), [ENQ]);
@@ -196,7 +234,7 @@ fn a_busy_slave_is_asked_once_a_second() {
         bench.run(ms(14));
     }
     assert_eq!((bench.received(1), bench.received(3)), (vec![], vec![]));
-    bench.send(2, &[ACK]);
+    bench.done(2);
     assert_eq!(bench.replies(), [ACK, XON]);
 }
 
@@ -204,8 +242,8 @@ fn a_busy_slave_is_asked_once_a_second() {
 fn a_slave_that_does_not_answer_reaches_the_pc_within_three_seconds() {
     let mut bench = Bench::new();
     bench.send(0, &FRAME);
-    bench.send(1, &[ACK]);
-    bench.send(2, &[ACK]);
+    bench.done(1);
+    bench.done(2);
     bench.run(ms(1100));
     assert_eq!(bench.received(0), [ACK, CAN, b'd', b'n', XON]);
     assert_eq!(bench.received(3)[3..], [ENQ, ENQ, ENQ]);
@@ -222,7 +260,7 @@ fn one_unanswered_enquiry_is_not_enough_to_give_a_slave_up() {
 fn a_slave_that_missed_its_part_has_failed_and_takes_the_next_frame() {
     let mut bench = Bench::new();
     bench.send(0, &FRAME);
-    [1, 2].iter().for_each(|port| bench.send(*port, &[ACK]));
+    [1, 2].into_iter().for_each(|port| bench.done(port));
     bench.run(ms(1_005));
     bench.send(3, &[CAN, b'g']);
     assert_eq!(bench.replies(), [ACK, CAN, b'd', b'g', XON]);
@@ -239,9 +277,9 @@ fn after_a_failure_the_others_finish_before_the_pc_may_go_on() {
     bench.run(ms(20));
     bench.send(3, &[CAN, b'e']);
     assert_eq!(bench.replies(), [ACK, XOFF, CAN, b'd', b'e']);
-    bench.send(1, &[ACK]);
+    bench.done(1);
     assert_eq!(bench.replies(), []);
-    bench.send(2, &[ACK]);
+    bench.done(2);
     assert_eq!(bench.replies(), [XON]);
     // The held frame has been dropped.
     bench.run(ms(500));
@@ -255,7 +293,7 @@ fn after_a_failure_no_later_frame_runs_by_surprise() {
     bench.run(ms(20));
     bench.send(2, &[CAN, b's']);
     bench.send(0, &FRAME);
-    [1, 3].iter().for_each(|port| bench.send(*port, &[ACK]));
+    [1, 3].into_iter().for_each(|port| bench.done(port));
     bench.send(0, &[FRAME, FRAME].concat());
     assert_eq!(bench.replies(), [ACK, CAN, b't', b's', NAK, b'f', XON]);
     bench.run(ms(60));
@@ -279,7 +317,7 @@ fn after_a_failure_every_frame_after_a_gap_is_answered() {
     }
     let held = [vec![ACK, CAN, b't', b's'], vec![NAK, b'f'], vec![XOFF], vec![NAK, b'o']];
     assert_eq!(answers, held);
-    [1, 3].iter().for_each(|port| bench.send(*port, &[ACK]));
+    [1, 3].into_iter().for_each(|port| bench.done(port));
     bench.run(ms(10));
     assert_eq!(bench.received(0), [XON, ACK]);
 }
@@ -288,7 +326,7 @@ fn after_a_failure_every_frame_after_a_gap_is_answered() {
 fn a_frame_that_needs_a_lost_slave_is_refused_until_it_answers() {
     let mut bench = Bench::new();
     bench.send(0, &FRAME);
-    [1, 2].iter().for_each(|port| bench.send(*port, &[ACK]));
+    [1, 2].into_iter().for_each(|port| bench.done(port));
     bench.run(ms(1200));
     bench.received(0);
     // Nothing for the depth axis to do: executed, and not waited for.
@@ -296,14 +334,14 @@ fn a_frame_that_needs_a_lost_slave_is_refused_until_it_answers() {
     without_depth[6] = 0;
     bench.send(0, &without_depth);
     bench.run(ms(20));
-    [1, 2].iter().for_each(|port| bench.send(*port, &[ACK]));
+    [1, 2].into_iter().for_each(|port| bench.done(port));
     assert_eq!(bench.replies(), [ACK, XON]);
     bench.received(3);
     bench.send(0, &FRAME);
     assert_eq!(bench.replies(), [NAK, b'f']);
     // Refused, but the slave has been asked; it answers.
     assert_eq!(bench.received(3), [ENQ]);
-    bench.send(3, &[ACK]);
+    bench.done(3);
     bench.send(0, &FRAME);
     bench.run(ms(10));
     assert_eq!(bench.received(0), [ACK]);
@@ -313,18 +351,20 @@ fn a_frame_that_needs_a_lost_slave_is_refused_until_it_answers() {
 fn silence_lies_between_an_enquiry_and_the_next_part() {
     let mut bench = Bench::new();
     bench.send(0, &[FRAME, AT_REST].concat());
-    let distributed = bench.now;
-    [1, 3].iter().for_each(|port| bench.send(*port, &[ACK]));
+    // The second has come while the first was distributed.
+    let distributed = bench.now - CHARACTER.times(8);
+    [1, 3].into_iter().for_each(|port| bench.done(port));
     // The transverse slave's ACK crosses the master's first enquiry.
-    bench.run_to(distributed + ms(1000) - CHARACTER.times(9));
+    bench.run_to(distributed + ms(999));
     bench.received(2);
-    bench.send(2, &[ACK]);
-    bench.run(ms(3));
-    let enquired = bench.received(2);
-    bench.run(ms(10));
-    if enquired == [ENQ] {
-        assert_eq!(bench.received(2), AT_REST[1..5]);
-    }
+    bench.done(2);
+    bench.run(ms(1));
+    assert_eq!(bench.received(2), [ENQ]);
+    // Its answer can be under way for so long.
+    bench.run_to(distributed + ms(1000) + CHARACTER.times(8) + Span::from_micros(500));
+    assert_eq!(bench.received(2), []);
+    bench.run(ms(7));
+    assert_eq!(bench.received(2), AT_REST[1..5]);
     assert_eq!(bench.received(0), [ACK, XOFF, XON, ACK]);
 }
 
@@ -332,23 +372,110 @@ fn silence_lies_between_an_enquiry_and_the_next_part() {
 fn a_reset_forgets_the_frame_but_takes_the_next() {
     let mut bench = Bench::new();
     bench.send(0, &[&FRAME[..], &FRAME[..3]].concat());
-    bench.cell.hear(&Heard::Stimulus { at: bench.now, stimulus: Stimulus::Reset });
-    bench.run(ms(2000));
-    bench.received(0);
+    bench.run(ms(10));
+    (0..=3).for_each(|port| drop(bench.received(port)));
+    bench.stimulate(0, Stimulus::Reset);
+    bench.slaves_answer([&[BEL], &EVEN, &ODD]);
+    assert_eq!(bench.replies(), [CAN, b'm', b'r']);
+    bench.send(1, &ODD);
+    assert_eq!(bench.replies(), [XON]);
+    bench.run(ms(60));
     bench.send(0, &FRAME);
     bench.run(ms(10));
     assert_eq!(bench.received(0), [ACK]);
+    [(1, EVEN), (2, ODD), (3, EVEN)].into_iter().for_each(|(port, done)| bench.send(port, &done));
+    assert_eq!(bench.replies(), [XON], "it has taken over their counts");
+}
+
+#[test]
+fn after_a_reset_nothing_reaches_a_slave_that_is_still_busy() {
+    let mut bench = Bench::new();
+    bench.send(0, &FRAME);
+    bench.run(ms(20));
+    (0..=3).for_each(|port| drop(bench.received(port)));
+    bench.stimulate(0, Stimulus::Reset);
+    bench.slaves_answer([&ODD, &[BEL], &ODD]);
+    // The PC is not held and sends on.
+    bench.send(0, &FRAME);
+    assert_eq!(bench.replies(), [CAN, b'm', b'r', NAK, b'f']);
+    bench.run(ms(985));
+    for _ in 0..3 {
+        assert_eq!(bench.received(2), [ENQ]);
+        bench.send(2, &[BEL]);
+        bench.run(ms(999));
+    }
+    assert_eq!(bench.received(2), [ENQ]);
+    bench.send(2, &ODD);
+    assert_eq!(bench.replies(), [XON]);
+}
+
+#[test]
+fn after_a_start_a_frame_waits_until_the_slaves_are_known() {
+    let mut bench = Bench::switched_on(RATE);
+    bench.run(ms(4));
+    assert_eq!([1, 2, 3].map(|port| bench.received(port)), [[ENQ]; 3]);
+    bench.send(1, &STARTED);
+    bench.send(0, &FRAME);
+    assert_eq!(bench.replies(), [XOFF]);
+    [2, 3].into_iter().for_each(|port| bench.send(port, &STARTED));
+    bench.run(ms(20));
+    assert_eq!(bench.received(0), [XON, ACK]);
+}
+
+#[test]
+fn a_slave_that_does_not_answer_at_the_start_is_told_of_at_once() {
+    let mut bench = Bench::switched_on(RATE);
+    bench.run(ms(4));
+    [1, 2].into_iter().for_each(|port| bench.send(port, &STARTED));
+    bench.run(ms(70));
+    assert_eq!(bench.received(0), [CAN, b'd', b'n', XON]);
+}
+
+#[test]
+fn an_answer_that_is_spoilt_between_its_characters_is_none() {
+    let mut bench = Bench::new();
+    bench.send(0, &FRAME);
+    [1, 3].into_iter().for_each(|port| bench.done(port));
+    assert_eq!(bench.replies(), [ACK]);
+    bench.send(2, &[ACK]);
+    bench.transmitters[2] = Transmitter::hardware(Rate::hz(4800), Clock::TRUE);
+    bench.send(2, &[0]);
+    bench.transmitters[2] = Transmitter::hardware(RATE, Clock::TRUE);
+    bench.send(2, &ODD[1..]);
+    assert_eq!(bench.replies(), []);
+    bench.done(2);
+    assert_eq!(bench.replies(), [XON]);
+}
+
+#[test]
+fn an_idle_slave_that_has_taken_nothing_has_missed_its_part() {
+    let mut bench = Bench::new();
+    bench.send(0, &FRAME);
+    [1, 3].into_iter().for_each(|port| bench.done(port));
+    bench.run(ms(980));
+    bench.received(2);
+    bench.run(ms(20));
+    assert_eq!(bench.received(2), [ENQ]);
+    bench.send(2, &EVEN);
+    assert_eq!(bench.replies(), [ACK]);
+    bench.run(ms(20));
+    assert_eq!(bench.received(2), [ENQ], "it may have been said before");
+    bench.send(2, &EVEN);
+    assert_eq!(bench.replies(), [CAN, b't', b'g', XON]);
 }
 
 fn anything() -> impl Strategy<Value = Vec<(usize, Vec<u8>, u64)>> {
     let bytes = prop_oneof![
         prop::collection::vec(any::<u8>(), 1..12),
         Just(FRAME.to_vec()),
+        Just(EVEN.to_vec()),
+        Just(ODD.to_vec()),
         Just(vec![ACK]),
         Just(vec![CAN, b's']),
         Just(vec![BEL]),
     ];
-    prop::collection::vec((0..4usize, bytes, 0..1_500u64), 0..40)
+    // Port 4: a reset instead.
+    prop::collection::vec((0..5usize, bytes, 0..1_500u64), 0..40)
 }
 
 proptest! {
@@ -358,13 +485,16 @@ proptest! {
     fn whatever_comes_a_valid_frame_after_a_gap_is_obeyed(anything in anything()) {
         let mut bench = Bench::new();
         for (port, bytes, gap) in anything {
-            bench.send(port, &bytes);
+            match port {
+                4 => bench.stimulate(0, Stimulus::Reset),
+                _ => bench.send(port, &bytes),
+            }
             bench.run(ms(gap));
         }
-        // Let whatever is executing come to its end, as slaves would.
+        // Let whatever is executing come to an end: the slaves have started anew.
         for _ in 0..3 {
             bench.run(ms(200));
-            bench.slaves_done();
+            (1..=3).for_each(|port| bench.send(port, &STARTED));
         }
         bench.run(ms(200));
         (0..4).for_each(|port| drop(bench.received(port)));
@@ -404,25 +534,29 @@ fn line_error_while_the_pc_stops_does_not_put_the_rest_out_of_step() {
 
 #[test]
 fn a_master_that_loses_its_supply_is_silent_and_starts_anew() {
-    let mut bench = Bench::new();
-    bench.send(0, &FRAME);
-    bench.run(Span::from_millis(20));
-    assert_eq!(bench.replies(), [ACK]);
-    let (off, on) = (bench.now + Span::from_millis(1), bench.now + Span::from_millis(500));
-    [(off, false), (on, true)].into_iter().for_each(|(at, on)| {
-        bench.cell.hear(&Heard::Stimulus { at, stimulus: Stimulus::Power(on) });
-    });
-    bench.run(Span::from_millis(100));
-    (1..=3).for_each(|port| _ = bench.received(port));
-    // Nobody is there.
-    bench.send(0, &AT_REST);
-    bench.slaves_done();
-    assert_eq!(bench.replies(), []);
-    bench.run_to(on + Span::from_secs(5));
-    assert_eq!([1, 2, 3].map(|port| bench.received(port).len()), [0; 3], "it has forgotten whom to enquire");
-    bench.send(0, &AT_REST);
-    bench.slaves_done();
-    assert_eq!(bench.replies(), [ACK, XON]);
+    for (answers, told) in [([&STARTED; 3], vec![]), ([&STARTED, &ODD, &STARTED], vec![CAN, b'm', b'r', XON])] {
+        let mut bench = Bench::new();
+        bench.send(0, &FRAME);
+        bench.run(ms(20));
+        assert_eq!(bench.replies(), [ACK]);
+        bench.stimulate(1, Stimulus::Power(false));
+        bench.stimulate(500, Stimulus::Power(true));
+        let on = bench.now + ms(500);
+        bench.run(ms(100));
+        (1..=3).for_each(|port| _ = bench.received(port));
+        // Nobody is there.
+        bench.send(0, &AT_REST);
+        bench.slaves_done();
+        assert_eq!(bench.replies(), []);
+        bench.run_to(on);
+        // Whether the rest of the machine has lost its supply, too, is for the slaves to tell.
+        bench.slaves_answer(answers.map(|answer| &answer[..]));
+        bench.run(ms(100));
+        assert_eq!(bench.received(0), told);
+        bench.send(0, &AT_REST);
+        bench.run(ms(10));
+        assert_eq!(bench.received(0), [ACK]);
+    }
 }
 
 #[test]

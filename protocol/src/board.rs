@@ -123,6 +123,10 @@ pub enum Stimulus {
     /// Something hard (a chip, a clamp) stops an axis's carriage so many counts from mid-travel, on the side given by
     /// the sign; one that is beyond it already, where it stands. One a side; 0 removes both. Others ignore it.
     EndStop(i32),
+    /// The board's process is stopped (`true`) or goes on: a hang during which nothing can come from the board. So
+    /// a [`Stimulus::Reset`] or [`Stimulus::Power`] that falls into it happens when the process goes on. The stepping
+    /// loop sees to it; boards are not told.
+    Stop(bool),
 }
 
 /// What a board does.
@@ -178,6 +182,8 @@ pub struct Description {
     pub events: Vec<String>,
     /// What tells which boards it waits for.
     pub waits: Vec<Wait>,
+    /// What it heeds of the stimuli that mean nothing to some boards.
+    pub heeds: Vec<Heeds>,
 }
 
 /// A quantity whose bits tell what a board waits for.
@@ -187,6 +193,18 @@ pub struct Wait {
     pub signal: u8,
     /// For each of its bits, from the lowest: the port whose other end is waited for while the bit is set.
     pub ports: Vec<u8>,
+}
+
+/// Stimuli that mean something only to boards that have what they are about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Heeds {
+    /// [`Stimulus::Reset`]: it has firmware.
+    Reset,
+    /// [`Stimulus::Stall`], [`Stimulus::Counts`], [`Stimulus::Load`] and [`Stimulus::Supply`]: it has a motor and an
+    /// encoder.
+    Motor,
+    /// [`Stimulus::Backlash`] and [`Stimulus::EndStop`]: its motor drives an axis.
+    Axis,
 }
 
 /// A quantity in a board's telemetry.

@@ -35,6 +35,8 @@ pub struct Cell<B> {
     off: bool,
     /// How often the firmware has been hung and not released: a release can be overtaken by the next hang.
     hung: u32,
+    /// Its process is stopped. What would make it speak meanwhile, in order.
+    stopped: Option<Vec<Stimulus>>,
     /// How long the firmware takes over each thing.
     slow: Span,
     /// Until when it is at the last one.
@@ -59,6 +61,7 @@ impl<B: Board> Cell<B> {
             stimuli: VecDeque::new(),
             off: false,
             hung: 0,
+            stopped: None,
             slow: Span::ZERO,
             busy_until: Instant::START,
             handled: Instant::START,
@@ -136,7 +139,7 @@ impl<B: Board> Cell<B> {
 
     /// The firmware runs, if only slowly.
     const fn runs(&self) -> bool {
-        self.hung == 0 && !self.off
+        self.hung == 0 && self.stopped.is_none() && !self.off
     }
 
     /// The first instant at which the firmware, if it runs, can handle something.
@@ -182,6 +185,12 @@ impl<B: Board> Cell<B> {
 
     fn stimulus(&mut self, at: Instant, stimulus: Stimulus, emit: &mut impl FnMut(Instant, Output)) {
         match stimulus {
+            Stimulus::Stop(true) => _ = self.stopped.get_or_insert_default(),
+            Stimulus::Stop(false) => {
+                let missed = self.stopped.take().unwrap_or_default();
+                missed.into_iter().for_each(|stimulus| self.stimulus(at, stimulus, emit));
+            }
+            Stimulus::Reset | Stimulus::Power(_) if let Some(missed) = &mut self.stopped => missed.push(stimulus),
             Stimulus::Hang(true) => self.hung += 1,
             Stimulus::Hang(false) => self.hung = self.hung.saturating_sub(1),
             Stimulus::Slow(slow) => {
@@ -229,7 +238,7 @@ impl<B: Board> Cell<B> {
         let Some(character) = self.receivers[port].take(at) else { return };
         if self.runs() && self.busy_until <= at {
             self.deliver(at, port, character, emit);
-        } else if !self.off && (self.hung == 0 || self.receivers[port].is_buffered()) {
+        } else if !self.off && (self.hung == 0 && self.stopped.is_none() || self.receivers[port].is_buffered()) {
             self.waiting[port].push(character);
         }
     }

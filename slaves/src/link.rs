@@ -1,18 +1,19 @@
 //! The link to the master: the part of the firmware that all slaves share.
 //!
-//! The master sends a sub-frame, the slave executes it and then says `ACK`, or `CAN` and a letter if it fails. Asked
-//! with `ENQ`, it says `BEL` while busy, `CAN` and the letter while a fault stands, and else `ACK`.
+//! The master sends a sub-frame, the slave executes it and then says `ACK` and the parity of the sub-frames that it has
+//! taken, or `CAN` and a letter if it fails. Asked with `ENQ`, it says `BEL` while busy, `CAN` and the letter while a
+//! fault stands, and else `ACK` and the parity: [`torno_protocol::lathe`] tells what for.
 //!
-//! A sub-frame that it could not take is such a fault: `ACK` would say that it has been executed. It is told when asked
-//! only, since what is heard may as well be noise on an idle line, and every time until a sub-frame is taken, since
-//! the answer may get lost. The same after a start: whatever was being executed before is not.
+//! A sub-frame that it could not take is such a fault. It is told when asked only, since what is heard may as well be
+//! noise on an idle line, and every time until a sub-frame is taken, since the answer may get lost. The same after
+//! a start: whatever was being executed before is not. Before that has been told, no sub-frame is taken.
 //!
 //! (Ours: the paper only says that the slaves report the end of their process, §3.)
 
 use std::collections::VecDeque;
 
 use torno_protocol::clock::Clock;
-use torno_protocol::lathe::{ACK, BEL, CAN, CHARACTER, ENQ, Fault, RATE, Refusal};
+use torno_protocol::lathe::{ACK, BEL, CAN, CHARACTER, ENQ, Fault, Parity, RATE, Refusal};
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::{Character, Loaded, Transmitter};
 
@@ -86,6 +87,10 @@ fn gap(clock: Clock) -> Span {
 pub(crate) struct Link<const N: usize> {
     gap: Span,
     state: State,
+    /// Of the sub-frames taken since the start.
+    parity: Parity,
+    /// It has started anew and has not been asked since.
+    untold: bool,
     part: [u8; N],
     length: usize,
     /// After the last character: the silence that separates sub-frames is over.
@@ -102,6 +107,8 @@ impl<const N: usize> Link<N> {
         Self {
             gap: gap(clock),
             state: State::Faulted(Fault::Restarted),
+            parity: Parity::default(),
+            untold: true,
             part: [0; N],
             length: 0,
             gap_at: Instant::START,
@@ -144,6 +151,10 @@ impl<const N: usize> Link<N> {
             return None;
         }
         self.length = 0;
+        if self.untold {
+            self.tell(Event::Refused, i64::from(Fault::Restarted.letter()));
+            return None;
+        }
         Some(self.part)
     }
 
@@ -156,13 +167,14 @@ impl<const N: usize> Link<N> {
     /// The sub-frame is being executed from now on.
     pub(crate) const fn start(&mut self) {
         self.state = State::Busy;
+        self.parity = self.parity.next();
     }
 
     /// The sub-frame has been executed.
     pub(crate) fn finish(&mut self) {
         self.state = State::Idle;
         self.tell(Event::Done, 0);
-        self.transmitter.push(ACK);
+        self.answer();
     }
 
     /// The machine has failed and stands until it gets another sub-frame.
@@ -175,6 +187,8 @@ impl<const N: usize> Link<N> {
     /// The firmware starts anew. A character on the line goes on.
     pub(crate) fn reset(&mut self) {
         self.state = State::Faulted(Fault::Restarted);
+        self.parity = Parity::default();
+        self.untold = true;
         self.length = 0;
         self.out_of_step = false;
         self.transmitter.clear();
@@ -233,8 +247,12 @@ impl<const N: usize> Link<N> {
     }
 
     fn answer(&mut self) {
+        self.untold = false;
         match self.state {
-            State::Idle => self.transmitter.push(ACK),
+            State::Idle => {
+                self.transmitter.push(ACK);
+                self.transmitter.push(self.parity.letter());
+            }
             State::Busy => self.transmitter.push(BEL),
             State::Faulted(fault) => {
                 self.transmitter.push(CAN);
@@ -243,9 +261,10 @@ impl<const N: usize> Link<N> {
         }
     }
 
-    /// What may have been a sub-frame is not executed. Of a busy slave the master expects none.
+    /// What may have been a sub-frame is not executed. Of a busy slave the master expects none, and of one that has
+    /// started anew there is more to tell.
     fn miss(&mut self) {
-        if !self.is_busy() {
+        if !self.is_busy() && !self.untold {
             self.state = State::Faulted(Fault::Garbled);
         }
     }
@@ -267,6 +286,9 @@ mod tests {
     use super::*;
 
     const MS: u64 = 1_000_000;
+    /// The parities after one sub-frame, which is the one that [`Heard::new`] has executed, and after two.
+    const ONE: [u8; 2] = [ACK, b'o'];
+    const TWO: [u8; 2] = [ACK, b'e'];
 
     /// What is sent and told after bytes that are delivered at the given times, in microseconds.
     struct Heard<const N: usize> {
@@ -275,9 +297,10 @@ mod tests {
     }
 
     impl<const N: usize> Heard<N> {
-        /// A slave that has executed something.
+        /// A slave that has been asked and has executed one sub-frame.
         fn new() -> Self {
             let mut link = Link::new(Clock::TRUE);
+            link.answer();
             link.start();
             link.finish();
             link.transmitter.clear();
@@ -350,7 +373,7 @@ mod tests {
         assert_eq!(heard.sent(), []);
         heard.silence(3_125);
         assert!(heard.link.is_about_to_speak());
-        assert_eq!(heard.sent(), [ACK]);
+        assert_eq!(heard.sent(), ONE);
         assert!(!heard.link.is_about_to_speak());
     }
 
@@ -383,10 +406,41 @@ mod tests {
     }
 
     #[test]
+    fn one_that_has_started_anew_takes_nothing_before_it_has_said_so() {
+        let bad = Character { framing_error: true, ..Character::good(1) };
+        for power in [false, true] {
+            let mut heard = Heard::<1>::new();
+            if power {
+                heard.link.power(Clock::TRUE)
+            } else {
+                heard.link.reset()
+            }
+            heard.byte(0, 9);
+            assert_eq!(heard.told(), [(Event::Reset, 0), (Event::Refused, i64::from(b'r'))]);
+            heard.character(10_000, bad);
+            heard.byte(20_000, ENQ);
+            assert_eq!((heard.sent(), heard.taken.len()), (vec![CAN, b'r'], 0));
+            heard.byte(30_000, 9);
+            assert_eq!(heard.taken, [[9]]);
+            heard.link.start();
+            heard.link.finish();
+            assert_eq!(heard.sent(), ONE, "it counts from 0 again");
+        }
+    }
+
+    #[test]
+    fn a_sub_frame_that_is_cut_to_the_byte_of_an_enquiry_is_not_counted() {
+        let mut heard = Heard::<4>::new();
+        heard.byte(0, ENQ);
+        heard.silence(3_125);
+        assert_eq!(heard.sent(), ONE, "as before it");
+    }
+
+    #[test]
     fn a_spindle_answers_enq_at_once() {
         let mut heard = Heard::<1>::new();
         heard.byte(0, ENQ);
-        assert_eq!((heard.sent(), heard.taken.len()), (vec![ACK], 0));
+        assert_eq!((heard.sent(), heard.taken.len()), (ONE.to_vec(), 0));
     }
 
     #[test]
@@ -399,7 +453,7 @@ mod tests {
         // What was begun while busy is not taken for a sub-frame after it.
         heard.link.finish();
         (2..5).for_each(|n| heard.byte(n * 1_042, 0));
-        assert_eq!((heard.taken.len(), heard.sent()), (0, vec![ACK]));
+        assert_eq!((heard.taken.len(), heard.sent()), (0, TWO.to_vec()));
         (0..3).for_each(|n| heard.byte(20_000 + n * 1_042, 0));
         assert_eq!(heard.taken.len(), 1);
     }
@@ -415,7 +469,7 @@ mod tests {
         heard.link.start();
         heard.link.finish();
         heard.byte(0, ENQ);
-        assert_eq!(heard.sent(), [ACK, ACK]);
+        assert_eq!(heard.sent(), [ONE, ONE].concat());
     }
 
     #[test]
@@ -442,7 +496,7 @@ mod tests {
             heard.link.finish();
             heard.byte(50_000, ENQ);
             heard.silence(60_000);
-            assert_eq!(heard.sent(), [ACK, ACK]);
+            assert_eq!(heard.sent(), [TWO, TWO].concat());
         }
     }
 
@@ -454,7 +508,7 @@ mod tests {
         heard.byte(10_000, 7);
         heard.link.finish();
         heard.byte(20_000, ENQ);
-        assert_eq!(heard.sent(), [ACK, ACK]);
+        assert_eq!(heard.sent(), [TWO, TWO].concat());
     }
 
     #[test]

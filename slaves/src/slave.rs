@@ -2,7 +2,7 @@
 
 use core::fmt::Debug;
 
-use torno_protocol::board::{Board, Deadline, Description, Input, Output, Signal, Stimulus};
+use torno_protocol::board::{Board, Deadline, Description, Heeds, Input, Output, Signal, Stimulus};
 use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{Fault, RATE, Refusal};
 use torno_protocol::time::Instant;
@@ -17,6 +17,8 @@ use crate::schedule::Schedule;
 pub trait Machine<const N: usize, const S: usize>: Clone + Debug {
     /// The quantities' names.
     const SIGNALS: [&'static str; S];
+    /// Its motor drives an axis.
+    const IS_AXIS: bool = true;
 
     /// The quantities, as the firmware has them.
     fn values(&self) -> [i64; S];
@@ -118,8 +120,8 @@ impl<M: Machine<N, S>, const N: usize, const S: usize> Slave<M, N, S> {
                 self.machine.disturb(now, stimulus);
                 self.sample_unless_at_rest(now);
             }
-            // The stepping loop sees to the first two; the others are for PCs.
-            Stimulus::Hang(_) | Stimulus::Slow(_) => {}
+            // The stepping loop sees to the first three; the others are for PCs.
+            Stimulus::Hang(_) | Stimulus::Slow(_) | Stimulus::Stop(_) => {}
             Stimulus::Write(_) | Stimulus::Discard | Stimulus::Configure { .. } => {}
         }
     }
@@ -163,7 +165,9 @@ impl<M: Machine<N, S>, const N: usize, const S: usize> Board for Slave<M, N, S> 
     fn description(&self) -> Description {
         // At power-on every quantity is 0: the firmware counts from where the axis stands.
         let signals = M::SIGNALS.iter().map(|name| Signal::new(name, 0)).collect();
-        Description { ports: vec!["master".to_owned()], signals, events: Event::texts(), waits: Vec::new() }
+        let mut heeds = vec![Heeds::Reset, Heeds::Motor];
+        heeds.extend(M::IS_AXIS.then_some(Heeds::Axis));
+        Description { ports: vec!["master".to_owned()], signals, events: Event::texts(), waits: Vec::new(), heeds }
     }
 
     fn receivers(&self) -> Vec<Receiver> {

@@ -191,6 +191,7 @@ impl SpindleMachine {
 
 impl Machine<{ SpindlePart::LENGTH }, 4> for SpindleMachine {
     const SIGNALS: [&'static str; 4] = ["speed_counts", "speed_rpm", "set_point_rpm", "drive"];
+    const IS_AXIS: bool = false;
 
     fn values(&self) -> [i64; 4] {
         let firmware = &self.firmware;

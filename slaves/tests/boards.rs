@@ -399,6 +399,8 @@ fn a_reset_loses_the_firmwares_state_and_not_the_position() {
     let after = bench.value("position_counts");
     assert!((after - before - 2_683).abs() < 150, "{before} {after}");
     assert_eq!((bench.replies(), bench.value("set_point_counts"), bench.board.poll_timeout()), (vec![], after, None));
+    bench.ask();
+    assert_eq!(bench.replies(), [CAN, b'r']);
     bench.send(&way(112, -100));
     assert!(bench.run_until_mute(5));
     assert_eq!((bench.replies(), bench.value("set_point_counts")), (vec![ACK], after - 100));
@@ -411,6 +413,8 @@ fn a_reset_loses_the_firmwares_state_and_not_the_position() {
     bench.run_ms(s(3));
     assert!(before > 3 && bench.value("position_counts") == before);
     assert_eq!((bench.value("remaining_counts"), bench.value("drive")), (0, 0));
+    bench.ask();
+    assert_eq!(bench.replies(), [CAN, b'r']);
     bench.send(&slots(-before as i32));
     assert!(bench.run_until_mute(10));
     assert_eq!((bench.replies(), bench.value("position_counts")), (vec![ACK], 0));
@@ -449,7 +453,8 @@ fn a_coasting_axis_is_taken_from_where_it_is() {
     bench.send(&way(112, 9_000));
     bench.run_ms(s(2));
     bench.stimulus(Stimulus::Reset);
-    bench.run_to(Instant::from_nanos(2_012_000_000));
+    bench.ask();
+    assert_eq!(bench.replies(), [CAN, b'r']);
     let sampled = bench.value("position_counts");
     bench.send(&way(0, 0));
     let taken = bench.value("position_counts");

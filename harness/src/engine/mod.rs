@@ -417,13 +417,14 @@ impl Engine {
         self.silence().map_or(next, |silence| silence.deadline.min(next))
     }
 
-    /// The board's process has stopped: it hangs from the end of what it has told. Says from when.
+    /// The board's process has stopped: it hangs from the end of what it has told; no reset ends that before it goes on.
+    /// Says from when.
     pub fn stop(&mut self, node: NodeId) -> Instant {
         if self.nodes[node].life != Life::Runs {
             return self.nodes[node].commit;
         }
         let at = self.halt(node, Life::Stopped);
-        self.hear(node, Heard::Stimulus { at, stimulus: Stimulus::Hang(true) });
+        self.hear(node, Heard::Stimulus { at, stimulus: Stimulus::Stop(true) });
         at
     }
 
@@ -432,7 +433,7 @@ impl Engine {
         let at = self.frontier();
         if self.nodes[node].life == Life::Stopped {
             self.nodes[node].life = Life::Runs;
-            self.hear(node, Heard::Stimulus { at, stimulus: Stimulus::Hang(false) });
+            self.hear(node, Heard::Stimulus { at, stimulus: Stimulus::Stop(false) });
         }
         at
     }

@@ -57,7 +57,8 @@ pub(super) struct Node {
     heard: Vec<Heard>,
     /// The first instant at which `heard` matters.
     pub(super) effect: Instant,
-    /// Resets and losses of supply that are not settled yet: what from outside cuts a character short.
+    /// Resets and losses of supply that are not settled yet: what from outside cuts a character short. They can have
+    /// waited for a stopped process to go on.
     resets: Vec<Instant>,
     /// It has been given a turn and has not answered.
     pub(super) awaited: bool,
@@ -219,7 +220,9 @@ impl Node {
         if self.life == Life::Gone {
             return;
         }
-        if let Heard::Stimulus { at, stimulus: Stimulus::Reset | Stimulus::Power(false) } = heard {
+        if let Heard::Stimulus { at, stimulus: Stimulus::Reset | Stimulus::Power(false) | Stimulus::Stop(false) } =
+            heard
+        {
             self.resets.push(at);
         }
         // Of several things on one port the first matters first, so the least over all is right.

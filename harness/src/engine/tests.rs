@@ -486,6 +486,7 @@ fn what_cuts_a_character_short_is_reckoned_with_before_it_is_told() {
     };
     let stimuli = [Stimulus::Reset, Stimulus::Power(false), Stimulus::Power(true), Stimulus::Hang(true)];
     assert_eq!(stimuli.map(earliest), [us(500), us(500), us(1_042), us(1_042)]);
+    assert_eq!(earliest(Stimulus::Stop(false)), us(500), "what has waited for it");
 }
 
 #[test]
@@ -501,7 +502,7 @@ fn a_stopped_board_goes_on_as_a_hung_one_however_much_it_has_missed() {
         .collect();
     let (stop, resume) = (ms(50), ms(100 + 2 * 999).next());
     let chatterbox = || Chatterbox::new(0, false, Span::ZERO, None);
-    let hang = |at, hung| Heard::Stimulus { at, stimulus: Stimulus::Hang(hung) };
+    let hang = |at, hung| Heard::Stimulus { at, stimulus: Stimulus::Stop(hung) };
 
     let mut expected = Vec::new();
     let mut cell = Cell::new(chatterbox());
@@ -567,4 +568,60 @@ fn a_cut_line_carries_nothing_more() {
     assert_eq!(heard, 3, "the first, its answer, and what is left of the second");
     let late = |fact: &Fact| matches!(fact, Fact::Edges { edges, .. } if edges.iter().any(|edge| edge.at > cut));
     assert!(!facts.iter().any(late));
+}
+
+#[test]
+fn what_would_wake_a_stopped_board_waits_until_it_goes_on() {
+    let ms = |ms: u64| Instant::START + Span::from_millis(ms);
+    let chatterbox = |period| Chatterbox::new(0, false, Span::ZERO, period);
+    let boards = vec![chatterbox(Some(Span::from_millis(20))), chatterbox(Some(Span::from_millis(20)))];
+    let ring = Ring { boards, stimuli: vec![], faults: vec![], reacts: None };
+    let power = |on| Stimulus::Power(on);
+    // Asked for while it is stopped, and long before.
+    for (asked, stimuli) in [
+        (250, [(260, Stimulus::Reset), (270, Stimulus::Reset)]),
+        (250, [(260, power(false)), (300, power(true))]),
+        (50, [(260, power(false)), (300, power(true))]),
+    ] {
+        let mut engine = Engine::new();
+        (0..2).for_each(|_| _ = engine.add_node(2));
+        ring.ends().into_iter().for_each(|(from, to)| _ = engine.add_line(from, to));
+        let mut steppers: Vec<_> = ring.boards.iter().cloned().map(Stepper::new).collect();
+        let mut run = |engine: &mut Engine, until: u64| {
+            let mut turns = engine.catch_up(Instant::START.next());
+            loop {
+                for (node, turn) in turns {
+                    engine.answer(node, steppers[node].turn(&turn).unwrap()).unwrap();
+                }
+                turns = engine.poll(Limit::until(ms(until)));
+                if turns.is_empty() {
+                    break;
+                }
+            }
+        };
+        run(&mut engine, asked.min(200));
+        let mut stimuli = Some(stimuli);
+        let mut give = |engine: &mut Engine| {
+            stimuli.take().into_iter().flatten().for_each(|(at, what)| _ = engine.stimulate(0, ms(at), what));
+        };
+        if asked < 200 {
+            give(&mut engine);
+        }
+        run(&mut engine, 200);
+        engine.stop(0);
+        run(&mut engine, 250);
+        give(&mut engine);
+        run(&mut engine, 500);
+        engine.take_facts();
+        let resumed = engine.resume(0);
+        run(&mut engine, 600);
+        let early = |fact: &Fact| match fact {
+            Fact::Edges { line: 0 | 3, edges } => edges.iter().any(|edge| edge.at < resumed),
+            Fact::Event { node: 0, at, .. } => *at < resumed,
+            _ => false,
+        };
+        let facts = engine.take_facts();
+        assert!(!facts.iter().any(early), "asked for at {asked} ms: {facts:?}");
+        assert!(facts.iter().any(|fact| matches!(fact, Fact::Edges { line: 3, .. })), "it goes on");
+    }
 }

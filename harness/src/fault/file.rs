@@ -11,7 +11,7 @@ use torno_protocol::time::{Instant, Span};
 
 use super::{Ailment, BROWN_OUT, Dice, Fault, Planned, Range as Quantities, Trigger, What, parse_ratio, parse_span};
 use crate::condition::RawCondition;
-use crate::engine::{Disturbance, Tampering};
+use crate::engine::{Disturbance, NodeId, Tampering};
 use crate::rig::names::Names;
 use crate::text::{self, Complaint, Invalid, TextError, nearest};
 
@@ -176,12 +176,44 @@ impl RawFault {
         }
         let what = match (&self.line, &self.board) {
             (Some(line), None) => What::Line(names.line(line)?, self.disturbance(names, dice.seed(&self.name()))?),
-            (None, Some(board)) => What::Board(names.board(board)?, self.ailment()?),
+            (None, Some(board)) => {
+                let (node, ailment) = (names.board(board)?, self.ailment()?);
+                self.mean_something(names, node, ailment)?;
+                What::Board(node, ailment)
+            }
             _ => return Err((self.kind.span(), format!("'{kind}': expected the place, either line or board"))),
         };
         let lasts = self.r#for.as_ref().map(span).transpose()?;
         let lasts = if kind == "brown-out" { Some(lasts.unwrap_or(BROWN_OUT)) } else { lasts };
         Ok(Fault { name: self.name(), what, lasts })
+    }
+
+    /// Refuses a name that one of the `known` faults bears: they would hide each other.
+    ///
+    /// # Errors
+    /// Where, and what was expected.
+    pub(crate) fn bear_its_own_name<'a>(
+        &self,
+        fault: &Fault,
+        known: impl IntoIterator<Item = &'a Fault>,
+    ) -> Result<(), Complaint> {
+        if known.into_iter().all(|other| other.name != fault.name) {
+            return Ok(());
+        }
+        let place = self.name.as_ref().map_or_else(|| self.kind.span(), Spanned::span);
+        Err((place, format!("there is a fault '{}' already: expected another name", fault.name)))
+    }
+
+    /// Refuses what would happen to a board without what it happens to.
+    fn mean_something(&self, names: &Names, node: NodeId, ailment: Ailment) -> Result<(), Complaint> {
+        let Some(needed) = ailment.needs() else { return Ok(()) };
+        if names.heeds[node].contains(&needed) {
+            return Ok(());
+        }
+        let heeding = names.boards.iter().zip(&names.heeds).filter(|(_, heeds)| heeds.contains(&needed));
+        let boards: Vec<&str> = heeding.map(|(name, _)| name.as_str()).collect();
+        let message = format!("'{}' means nothing to '{}'", self.kind.get_ref(), names.boards[node]);
+        Err((self.kind.span(), format!("{message}: expected one of the boards {}", boards.join(", "))))
     }
 
     /// What it says beyond its place, its kind and its time, and where.

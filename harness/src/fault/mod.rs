@@ -14,7 +14,7 @@ pub use file::{BOARD_KINDS, FaultFileError, LINE_KINDS, RawFault, load};
 pub(crate) use file::{span, text_drawn};
 pub use quantity::{Range, Ratio, parse_ratio, parse_span};
 
-use torno_protocol::board::Stimulus;
+use torno_protocol::board::{Heeds, Stimulus};
 use torno_protocol::clock::Clock;
 use torno_protocol::time::{Instant, Span};
 
@@ -181,6 +181,16 @@ impl Broken {
 }
 
 impl Ailment {
+    /// What a board must heed for this to mean anything to it.
+    const fn needs(self) -> Option<Heeds> {
+        match self {
+            Self::Reset => Some(Heeds::Reset),
+            Self::Counts(_) | Self::Stall | Self::Load(_) | Self::Supply(_) => Some(Heeds::Motor),
+            Self::Backlash(_) | Self::EndStop(_) => Some(Heeds::Axis),
+            Self::Crash | Self::Hang | Self::PowerOff | Self::Slow(_) | Self::Clock(_) | Self::Drift(_) => None,
+        }
+    }
+
     /// What a board is told when it begins, and when it is healed.
     fn stimuli(self, usual: Clock) -> (Option<Stimulus>, Vec<Stimulus>) {
         let (begin, cure) = match self {

@@ -188,6 +188,7 @@ impl<P: PcProgram> Board for PcUart<P> {
             signals: vec![Signal::new("stopped", 0)],
             events: PcEvent::TEXTS.map(str::to_owned).to_vec(),
             waits: vec![Wait { signal: STOPPED, ports: vec![0] }],
+            heeds: Vec::new(),
         }
     }
 

@@ -97,7 +97,7 @@ pub struct BoardSummary {
 
 /// What failed, in words.
 pub fn failures(conversation: &Conversation) -> Vec<String> {
-    conversation.failures.iter().map(|(slave, fault)| format!("{} failed: {fault}", slave.name())).collect()
+    conversation.failures.iter().map(|(party, fault)| format!("{} failed: {fault}", party.name())).collect()
 }
 
 impl Summary {

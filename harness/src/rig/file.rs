@@ -384,7 +384,7 @@ mod tests {
 
     #[test]
     fn each_board_has_its_own_settings() {
-        let own = [("master", "answer_ms = 1", "answer_ms = 1: expected 5 to 1000"), ("spindle", "k = 1e3", "k: ")];
+        let own = [("master", "answer_ms = 1", "answer_ms = 1: expected 8 to 1000"), ("spindle", "k = 1e3", "k: ")];
         for (kind, field, expected) in own {
             let from = format!("kind = \"{kind}\"");
             // The depth board's come later in the file, and are fine.

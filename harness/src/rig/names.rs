@@ -1,6 +1,7 @@
 //! The names that a rig gives to its parts.
 
 use toml::Spanned;
+use torno_protocol::board::Heeds;
 
 use super::file::RigFile;
 use crate::engine::{LineId, NodeId};
@@ -15,6 +16,8 @@ pub struct Names {
     pub signals: Vec<Vec<String>>,
     /// The events' texts of each.
     pub events: Vec<Vec<String>>,
+    /// What each heeds.
+    pub heeds: Vec<Vec<Heeds>>,
     /// Lines.
     pub lines: Vec<String>,
     /// What sends on each line: the board and its port.
@@ -32,6 +35,7 @@ impl Names {
         Self {
             signals: described().map(|d| d.signals.iter().map(|signal| signal.name.clone()).collect()).collect(),
             events: described().map(|d| d.events.clone()).collect(),
+            heeds: described().map(|d| d.heeds.clone()).collect(),
             boards,
             lines,
             senders,

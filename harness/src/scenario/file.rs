@@ -123,16 +123,26 @@ impl Scenario {
         let mut faults = Vec::new();
         for raw in &raw.fault {
             let planned = raw.plan(&names, &mut dice)?;
+            raw.bear_its_own_name(&planned.fault, &known)?;
             known.push(planned.fault.clone());
             faults.push(planned);
         }
         let mut steps = Vec::new();
+        let mut healed: Vec<String> = Vec::new();
         for (number, step) in raw.step.into_iter().enumerate() {
             let place = step.span();
             let step = step.into_inner();
             let action = step.check(&names, &known, number + 1, &mut dice, place)?;
-            if let Action::Break(fault) = &action {
-                known.push(fault.clone());
+            let raw_break = step.r#break.as_ref();
+            match &action {
+                Action::Break(fault) => {
+                    let standing = known.iter().filter(|other| !healed.contains(&other.name));
+                    raw_break.iter().try_for_each(|raw| raw.bear_its_own_name(fault, standing.clone()))?;
+                    healed.retain(|name| *name != fault.name);
+                    known.push(fault.clone());
+                }
+                Action::Heal(name) => healed.push(name.clone()),
+                _ => {}
             }
             steps.push(Step { does: step.does, action });
         }

@@ -4,7 +4,7 @@
 //! characters of all lines are read together, by the rules of the boards.
 
 use torno_protocol::lathe::{
-    ACK, BEL, CAN, CHARACTER, DepthPart, ENQ, FRAME_GAP, Fault, Frame, Refusal, Reply, ReplyDecoder, Slave,
+    ACK, BEL, CAN, CHARACTER, DepthPart, ENQ, FRAME_GAP, Fault, Frame, Parity, Refusal, Reply, ReplyDecoder, Slave,
     SpindlePart, TransversePart,
 };
 use torno_protocol::time::{Instant, Span};
@@ -77,8 +77,10 @@ struct Partial {
 struct Conversation {
     part: Partial,
     busy: bool,
-    /// `CAN` has come, its letter has not.
-    failing: bool,
+    /// It has been given a part.
+    given: bool,
+    /// `ACK` or `CAN` has come, its letter has not.
+    awaiting: Option<u8>,
 }
 
 impl Reader {
@@ -162,7 +164,7 @@ impl Reader {
                 Reply::Xoff => ("XOFF: a frame is held".to_owned(), false),
                 Reply::Xon => ("XON: all slaves are done".to_owned(), false),
                 Reply::Nak(refusal) => (format!("NAK: a frame is refused ({refusal})"), true),
-                Reply::Can(slave, fault) => (format!("CAN: {} failed ({fault})", slave.name()), true),
+                Reply::Can(party, fault) => (format!("CAN: {} failed ({fault})", party.name()), true),
                 Reply::Unknown(byte) => (format!("{byte:02X} is no reply"), true),
             };
             match reply {
@@ -198,7 +200,7 @@ impl Reader {
         conversation.part.bytes.push(byte);
         if conversation.part.bytes.len() == length {
             let bytes = core::mem::take(&mut conversation.part.bytes);
-            conversation.busy = true;
+            (conversation.busy, conversation.given) = (true, true);
             let (text, flaw) = part_text(slave, &bytes);
             self.tell(heard.at, heard.line, text, flaw);
         }
@@ -222,19 +224,42 @@ impl Reader {
             self.end_part(slave);
         }
         let conversation = &mut self.slaves[slave as usize];
-        let failing = core::mem::take(&mut conversation.failing);
-        let Some(byte) = heard.character.ok() else { return };
-        let (text, flaw) = match (failing, byte) {
-            (true, letter) if let Some(fault) = Fault::from_letter(letter) => (format!("CAN: failed ({fault})"), true),
-            (_, ACK) => ("ACK: done".to_owned(), false),
-            (_, BEL) => ("BEL: busy".to_owned(), false),
-            (_, CAN) => {
-                conversation.failing = true;
+        let begun = conversation.awaiting.take();
+        let byte = heard.character.ok();
+        let (text, flaw) = match (begun, byte) {
+            (Some(ACK), Some(b)) if let Some(parity) = Parity::from_letter(b) => {
+                (format!("ACK: done ({parity})"), false)
+            }
+            (Some(CAN), Some(b)) if let Some(fault) = Fault::from_letter(b) => {
+                // Whoever has been given nothing has lost nothing.
+                (format!("CAN: failed ({fault})"), fault != Fault::Restarted || conversation.given)
+            }
+            _ => return self.begin_answer(heard, slave, begun),
+        };
+        conversation.busy = false;
+        self.tell(heard.at, heard.line, text, flaw);
+    }
+
+    /// What follows on an answer that is complete, or on one that has `begun` and is broken.
+    fn begin_answer(&mut self, heard: &Heard, slave: Slave, begun: Option<u8>) {
+        let no_answer = |byte: u8| (format!("{byte:02X} is no answer"), true);
+        if let Some(byte) = begun {
+            let (text, flaw) = no_answer(byte);
+            self.tell(heard.at, heard.line, text, flaw);
+        }
+        let conversation = &mut self.slaves[slave as usize];
+        let (text, flaw) = match heard.character.ok() {
+            None => return,
+            Some(byte @ (ACK | CAN)) => {
+                conversation.awaiting = Some(byte);
                 return;
             }
-            (_, byte) => (format!("{byte:02X} is no answer"), true),
+            Some(BEL) => {
+                conversation.busy = true;
+                ("BEL: busy".to_owned(), false)
+            }
+            Some(byte) => no_answer(byte),
         };
-        conversation.busy &= byte == BEL;
         self.tell(heard.at, heard.line, text, flaw);
     }
 
@@ -340,8 +365,9 @@ mod tests {
         assert_eq!(part, ["part: transverse -9 counts at 5 per 30 ms", "ENQ: how is it going?"]);
         let idle = said(&[&on(line, &[ENQ])[..], &[None], &on(line, &[5, 0, 9, 0])].concat());
         assert_eq!(idle, ["ENQ: how is it going?", "part: transverse +9 counts at 5 per 30 ms"]);
-        let answers = said(&on("transverse_to_master", &[BEL, CAN, b'e', ACK, b'x']));
-        assert_eq!(answers, ["BEL: busy", "CAN: failed (end of travel)", "ACK: done", "78 is no answer"]);
+        let answers = said(&on("transverse_to_master", &[BEL, CAN, b'e', ACK, b'e', ACK, b'x']));
+        let expected = ["BEL: busy", "CAN: failed (end of travel)", "ACK: done (even)", "06 is no answer"];
+        assert_eq!(answers, [&expected[..], &["78 is no answer"]].concat());
     }
 
     #[test]

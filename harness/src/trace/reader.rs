@@ -233,6 +233,7 @@ mod tests {
     fn inputs() -> impl Strategy<Value = Input> {
         let stimulus = prop_oneof![
             any::<bool>().prop_map(Stimulus::Hang),
+            any::<bool>().prop_map(Stimulus::Stop),
             any::<bool>().prop_map(Stimulus::Stall),
             Just(Stimulus::Reset),
             Just(Stimulus::Discard),

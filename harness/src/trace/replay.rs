@@ -157,8 +157,8 @@ fn actions(inputs: &[Input]) -> Vec<(Instant, Action)> {
             What::Continued { board } => {
                 if let Some(n) = stopped.iter().position(|(other, ..)| other == board) {
                     let (board, since, from, _) = stopped.swap_remove(n);
-                    actions.push((from, since, Action::Stimulate(board, from, Stimulus::Hang(true))));
-                    actions.push((when, place, Action::Stimulate(board, *at, Stimulus::Hang(false))));
+                    actions.push((from, since, Action::Stimulate(board, from, Stimulus::Stop(true))));
+                    actions.push((when, place, Action::Stimulate(board, *at, Stimulus::Stop(false))));
                 }
             }
             What::Died { board, told } => {
@@ -202,8 +202,8 @@ mod tests {
     #[test]
     fn a_process_that_was_stopped_and_continued_hung() {
         let inputs = [input(50, What::Stopped { board: 1, told: ns(20) }), input(70, What::Continued { board: 1 })];
-        let hang = |hangs, at| (ns(at), Action::Stimulate(1, ns(at), Stimulus::Hang(hangs)));
-        assert_eq!(actions(&inputs), [hang(true, 50), hang(false, 70)]);
+        let stop = |stops, at| (ns(at), Action::Stimulate(1, ns(at), Stimulus::Stop(stops)));
+        assert_eq!(actions(&inputs), [stop(true, 50), stop(false, 70)]);
     }
 
     #[test]
@@ -262,6 +262,7 @@ mod tests {
         let stimulus = prop_oneof![
             Just(Stimulus::Reset),
             any::<bool>().prop_map(Stimulus::Hang),
+            any::<bool>().prop_map(Stimulus::Stop),
             any::<bool>().prop_map(Stimulus::Power),
             any::<bool>().prop_map(Stimulus::Stall),
             (0..500u64).prop_map(|us| Stimulus::Slow(Span::from_micros(us))),

@@ -320,6 +320,8 @@ fn csv_field(text: &str) -> String {
 
 fn stimulus_text(stimulus: &Stimulus) -> String {
     match stimulus {
+        Stimulus::Stop(true) => "is stopped".to_owned(),
+        Stimulus::Stop(false) => "goes on".to_owned(),
         Stimulus::Hang(true) => "hangs".to_owned(),
         Stimulus::Hang(false) => "runs on".to_owned(),
         Stimulus::Reset => "is reset".to_owned(),

@@ -1,6 +1,6 @@
 //! The PC's side of the conversation: what has been sent, what came back, whether it is over.
 
-use crate::lathe::{Fault, Refusal, Reply, Slave};
+use crate::lathe::{Fault, Party, Refusal, Reply};
 
 /// A tally of frames and replies, as a PC program keeps it.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -13,8 +13,8 @@ pub struct Conversation {
     pub held: usize,
     /// Frames or parts refused, with the reason.
     pub refusals: Vec<Refusal>,
-    /// Slaves that failed.
-    pub failures: Vec<(Slave, Fault)>,
+    /// Boards that failed.
+    pub failures: Vec<(Party, Fault)>,
     /// `XOFF` came and `XON` has not: the PC must wait.
     pub stopped: bool,
     /// A frame has been acknowledged and `XON` has not come since.
@@ -69,8 +69,8 @@ impl Conversation {
                 self.stopped = false;
             }
             Reply::Nak(refusal) => self.refusals.push(refusal),
-            Reply::Can(slave, fault) => {
-                self.failures.push((slave, fault));
+            Reply::Can(party, fault) => {
+                self.failures.push((party, fault));
                 // A held frame will not be executed, nor answered.
                 self.dropped += self.unanswered();
             }
@@ -111,6 +111,7 @@ impl Conversation {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::lathe::Slave;
 
     fn after(sent: usize, replies: &[Reply]) -> Conversation {
         let mut conversation = Conversation::default();
@@ -138,7 +139,7 @@ mod tests {
 
     #[test]
     fn after_a_failure_the_held_frame_is_not_waited_for() {
-        let failed = Reply::Can(Slave::Depth, Fault::NoAnswer);
+        let failed = Reply::Can(Slave::Depth.into(), Fault::NoAnswer);
         let conversation = after(2, &[Reply::Ack, Reply::Xoff, failed, Reply::Xon]);
         assert!(conversation.is_over());
         assert_eq!(conversation.outcome(5), Outcome::Faulted);

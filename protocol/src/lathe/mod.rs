@@ -3,9 +3,37 @@
 //! Peña & Martínez, "Sistema electrónico de control de un torno CNC didáctico" (2009), §3, gives the eight bytes of
 //! a frame, the master that distributes them and the rule that the PC waits while a process runs. All else here (the
 //! units, the order of the bytes, the replies and the enquiries) the paper leaves open; it is decided here.
+//!
+//! # Between the master and a slave
+//!
+//! The slave counts the parts that it takes, from 0 at its start. It says `ACK` and the count's [`Parity`] when it has
+//! executed one; asked with `ENQ`, the same if it is idle, `BEL` while it is busy, `CAN` and a letter while a fault
+//! stands. The master counts the parts that it gives. So an idle slave's answer tells whether it has executed its part
+//! (and its `ACK` was lost) or was given nothing; an `ACK` alone tells neither, and the master asks again.
+//!
+//! - A parity that does not fit may be an answer that was under way when the part was sent, or spoilt. So the master
+//!   asks once more, and only if the parity does not fit then either has the slave missed its part ([`Fault::Garbled`]).
+//! - What begins like a sub-frame with the byte of `ENQ` and is cut there is answered like an enquiry. The parity tells
+//!   that nothing has been executed.
+//! - A slave that has started anew takes no part before it has said so: its count is 0 again, and what it was to hold
+//!   is lost. It answers `CAN r` when asked; both count from 0 then.
+//! - After any other fault, and while a slave does not answer, the master has no count; a fault stands until a part is
+//!   taken, so that none can be missed unnoticed. It takes over the parity that it hears next.
+//! - From its start on the master asks all slaves, and holds what the PC sends, until it knows what they are at and
+//!   those that are busy are done.
+//! - After `ENQ` the next part waits until its answer has come, at the latest: two characters after the slave's gap of
+//!   three, behind two more if it was just reporting.
+//!
+//! # The master's start
+//!
+//! A master that starts anew amid the machine's work has lost what it held, and does not know whether the PC is held.
+//! It says `CAN m r`, as of every failure, and `XON` once all slaves are done, so that no PC stays held for ever. It
+//! knows from its reset-cause register that it has not lost its supply, or, if it has, from a slave that has not. If
+//! all have started with it, it says nothing: the machine has been switched on. (Ours.)
 
 mod conversation;
 mod frame;
+mod parity;
 mod program;
 mod reply;
 
@@ -15,8 +43,9 @@ use crate::uart::BITS_PER_CHARACTER;
 
 pub use conversation::{Conversation, Outcome};
 pub use frame::{DepthPart, Direction, Frame, Refusal, SpindlePart, TransversePart};
+pub use parity::Parity;
 pub use program::{Program, ProgramError};
-pub use reply::{Fault, Reply, ReplyDecoder, Slave};
+pub use reply::{Fault, Party, Reply, ReplyDecoder, Slave};
 
 /// The speed of every link, in baud; 8N1. (Ours.)
 pub const BAUD: u32 = 9600;
@@ -27,7 +56,7 @@ pub const CHARACTER: Span = Span::from_nanos(BITS_PER_CHARACTER * 1_000_000_000 
 /// A longer silence in mid-frame discards the part received. (Ours: no delimiter exists.)
 pub const FRAME_GAP: Span = Span::from_millis(50);
 
-/// Done; waiting for new instructions. To the PC: the frame has been distributed.
+/// Done; a [`Parity`] follows. To the PC, alone: the frame has been distributed.
 pub const ACK: u8 = 0x06;
 /// The PC may go on.
 pub const XON: u8 = 0x11;

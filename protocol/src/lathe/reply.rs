@@ -15,8 +15,8 @@ pub enum Reply {
     Xon,
     /// A frame is refused.
     Nak(Refusal),
-    /// A slave failed; what was held is not executed.
-    Can(Slave, Fault),
+    /// A slave or the master itself failed; what was held is not executed.
+    Can(Party, Fault),
     /// No reply of this dialect.
     Unknown(u8),
 }
@@ -32,7 +32,16 @@ pub enum Slave {
     Depth,
 }
 
-/// How a slave failed.
+/// Who failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Party {
+    /// The master itself: it has started anew.
+    Master,
+    /// A slave.
+    Slave(Slave),
+}
+
+/// How a board failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Fault {
     /// It does not answer.
@@ -44,7 +53,8 @@ pub enum Fault {
     /// Its part of a frame did not reach it whole, and nothing of it was executed. Told only when asked: what is heard
     /// while no part is on its way is noise, and the master asks only while it waits for one.
     Garbled,
-    /// It has started anew since, and what it was told before is lost. Told only when asked, too.
+    /// It has started anew since, and what it was told before is lost. A slave tells it only when asked, too, and takes
+    /// no part before.
     Restarted,
 }
 
@@ -69,9 +79,34 @@ impl Slave {
             Self::Depth => "depth",
         }
     }
+}
+
+impl Party {
+    /// The letter on the wire.
+    pub const fn letter(self) -> u8 {
+        match self {
+            Self::Master => b'm',
+            Self::Slave(slave) => slave.letter(),
+        }
+    }
+
+    /// The name, also of the board in the built-in rig.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Master => "master",
+            Self::Slave(slave) => slave.name(),
+        }
+    }
 
     fn from_letter(letter: u8) -> Option<Self> {
-        Self::ALL.into_iter().find(|slave| slave.letter() == letter)
+        let slaves = Slave::ALL.into_iter().map(Self::Slave);
+        slaves.chain([Self::Master]).find(|party| party.letter() == letter)
+    }
+}
+
+impl From<Slave> for Party {
+    fn from(slave: Slave) -> Self {
+        Self::Slave(slave)
     }
 }
 
@@ -114,7 +149,7 @@ impl fmt::Display for Reply {
             Self::Xoff => f.write_str("XOFF"),
             Self::Xon => f.write_str("XON"),
             Self::Nak(refusal) => write!(f, "NAK {refusal}"),
-            Self::Can(slave, fault) => write!(f, "CAN {} {fault}", slave.name()),
+            Self::Can(party, fault) => write!(f, "CAN {} {fault}", party.name()),
             Self::Unknown(byte) => write!(f, "?{byte:02x}"),
         }
     }
@@ -128,7 +163,7 @@ impl Reply {
             Self::Xoff => vec![XOFF],
             Self::Xon => vec![XON],
             Self::Nak(refusal) => vec![NAK, refusal.letter()],
-            Self::Can(slave, fault) => vec![CAN, slave.letter(), fault.letter()],
+            Self::Can(party, fault) => vec![CAN, party.letter(), fault.letter()],
             Self::Unknown(byte) => vec![byte],
         }
     }
@@ -165,12 +200,12 @@ impl ReplyDecoder {
             [XOFF] => Reply::Xoff,
             [XON] => Reply::Xon,
             [NAK] | [CAN] => return Vec::new(),
-            [CAN, slave] if Slave::from_letter(slave).is_some() => return Vec::new(),
+            [CAN, party] if Party::from_letter(party).is_some() => return Vec::new(),
             [NAK, letter] if let Some(refusal) = Refusal::from_letter(letter) => Reply::Nak(refusal),
-            [CAN, slave, fault]
-                if let (Some(slave), Some(fault)) = (Slave::from_letter(slave), Fault::from_letter(fault)) =>
+            [CAN, party, fault]
+                if let (Some(party), Some(fault)) = (Party::from_letter(party), Fault::from_letter(fault)) =>
             {
-                Reply::Can(slave, fault)
+                Reply::Can(party, fault)
             }
             [byte] => Reply::Unknown(byte),
             // Broken: the first byte is out of place; what follows may be a reply.
@@ -202,7 +237,8 @@ mod tests {
             Just(Reply::Xoff),
             Just(Reply::Xon),
             Just(Reply::Nak(Refusal::CutShort)),
-            prop::sample::select(Fault::ALL.to_vec()).prop_map(|fault| Reply::Can(Slave::Depth, fault)),
+            prop::sample::select(Fault::ALL.to_vec()).prop_map(|fault| Reply::Can(Slave::Depth.into(), fault)),
+            Just(Reply::Can(Party::Master, Fault::Restarted)),
         ]
     }
 
@@ -214,7 +250,10 @@ mod tests {
 
     #[test]
     fn is_said_in_words() {
-        assert_eq!(Reply::Can(Slave::Transverse, Fault::EndOfTravel).to_string(), "CAN transverse end of travel");
+        assert_eq!(
+            Reply::Can(Slave::Transverse.into(), Fault::EndOfTravel).to_string(),
+            "CAN transverse end of travel"
+        );
         assert_eq!(Reply::Nak(Refusal::CutShort).to_string(), "NAK cut short");
     }
 

@@ -5,7 +5,7 @@
 
 use torno_protocol::board::{Board, Input, Output, Stimulus, event_text};
 use torno_protocol::clock::Clock;
-use torno_protocol::lathe::{CHARACTER, RATE};
+use torno_protocol::lathe::{ACK, CAN, CHARACTER, ENQ, Parity, RATE};
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::{Character, Receiver};
 use torno_slaves::{Depth, DepthSettings, Spindle, SpindleSettings, Transverse, TransverseSettings};
@@ -22,9 +22,20 @@ pub(crate) struct Bench<B> {
 }
 
 impl<B: Board> Bench<B> {
+    /// A board that the master has asked after its start: before that it takes no sub-frame.
     pub(crate) fn new(board: B) -> Self {
         let line = Receiver::hardware(RATE, Clock::TRUE);
-        Self { board, now: Instant::START, hung: false, outputs: Vec::new(), line, sent: Vec::new() }
+        let mut bench = Self { board, now: Instant::START, hung: false, outputs: Vec::new(), line, sent: Vec::new() };
+        bench.ask();
+        assert_eq!(bench.replies(), [CAN, b'r']);
+        bench.outputs.clear();
+        bench
+    }
+
+    /// The master asks, and gets its answer.
+    pub(crate) fn ask(&mut self) {
+        self.send(&[ENQ]);
+        self.run_ms(6);
     }
 
     /// Lets everything happen that is due before `t`.
@@ -86,9 +97,17 @@ impl<B: Board> Bench<B> {
         }
     }
 
-    /// The bytes sent since the last call.
+    /// The bytes sent since the last call, without the parities after `ACK`.
     pub(crate) fn replies(&mut self) -> Vec<u8> {
-        self.sent.drain(..).map(|(_, byte)| byte).collect()
+        let mut replies = Vec::new();
+        let mut sent = self.sent.drain(..).map(|(_, byte)| byte);
+        while let Some(byte) = sent.next() {
+            replies.push(byte);
+            if byte == ACK {
+                assert!(sent.next().is_some_and(|letter| Parity::from_letter(letter).is_some()));
+            }
+        }
+        replies
     }
 
     /// A quantity's values and since when each holds.
