@@ -99,9 +99,12 @@ fn a_slave_that_is_killed_in_motion_at_the_pace_of_the_clock_is_reported_within_
 #[test]
 fn a_slave_that_is_killed_at_rest_is_missed_by_the_next_frame_that_needs_it() {
     let up = Up::start(&["--pace", "20"]);
+    let mut pc = up.pc();
+    // Then the master knows its slaves.
+    pc.write(&SPINDLE);
+    pc.expect(&[ACK, XON]);
     kill("-KILL", up.board("depth"));
     up.wait_for_log("board 'depth'");
-    let mut pc = up.pc();
     pc.write(&OUT);
     pc.expect(&[ACK, CAN, b'd', b'n', XON]);
     keep_silent();

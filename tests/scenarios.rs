@@ -349,6 +349,17 @@ fn a_fault_that_has_not_begun_cannot_be_healed() {
 }
 
 #[test]
+fn what_has_been_healed_can_break_again_by_its_name() {
+    let step = |does: &str| format!("[[step]]\ndoes = \"d\"\n{does}\n");
+    let (hang, heal) = (step("break = { name = \"x\", board = \"depth\", kind = \"hang\" }"), step("heal = \"x\""));
+    let (code, _, err, _) = test(&format!("name = \"n\"\n{hang}{heal}{hang}{heal}"));
+    assert_eq!(code, Some(0), "{err}");
+    let (code, _, err, _) = test(&format!("name = \"n\"\n{hang}{heal}{hang}{hang}"));
+    assert_eq!(code, Some(2), "{err}");
+    assert!(err.contains("there is a fault 'x' already"), "{err}");
+}
+
+#[test]
 fn what_is_wrong_with_a_file_is_told() {
     let step = |action: &str| format!("name = \"n\"\n[[step]]\ndoes = \"d\"\n{action}\n");
     let fault = |fields: &str| format!("name = \"n\"\n[[fault]]\n{fields}\n");
@@ -397,9 +408,8 @@ fn what_is_wrong_with_a_file_is_told() {
             "'backlash' means nothing to 'spindle': expected one of the boards transverse, depth",
         ),
         (
-            fault(
-                "name = \"x\"\nboard = \"depth\"\nkind = \"hang\"\n[[fault]]\nname = \"x\"\nboard = \"depth\"\nkind = \"stall\"",
-            ),
+            fault("name = \"x\"\nboard = \"pc\"\nkind = \"hang\"")
+                + "[[fault]]\nname = \"x\"\nboard = \"pc\"\nkind = \"crash\"",
             "7:8",
             "there is a fault 'x' already: expected another name",
         ),

@@ -108,7 +108,8 @@ fn forty_boards_run_and_those_that_idle_take_next_to_no_turns() {
     assert_eq!(boards.len(), 40);
     assert_eq!(ten["boards"]["master0"]["frames_distributed"], 30);
     for (name, shares) in boards.iter().filter(|(name, _)| !name.ends_with('0')) {
-        assert!(shares["turns"].as_u64().unwrap() <= 2, "{name}: {shares}");
+        // The start, the master's enquiry, its answer.
+        assert!(shares["turns"].as_u64().unwrap() <= 3, "{name}: {shares}");
     }
     // The one that works is served as if it were alone.
     let alone = run(&[]);

@@ -417,8 +417,7 @@ impl Engine {
         self.silence().map_or(next, |silence| silence.deadline.min(next))
     }
 
-    /// The board's process has stopped: it hangs from the end of what it has told; no reset ends that before it goes on.
-    /// Says from when.
+    /// The board's process has stopped: it hangs, reset or not, from the end of what it has told. Says from when.
     pub fn stop(&mut self, node: NodeId) -> Instant {
         if self.nodes[node].life != Life::Runs {
             return self.nodes[node].commit;

@@ -9,10 +9,10 @@
 //! The slave counts the parts that it takes, from 0 at its start. It says `ACK` and the count's [`Parity`] when it has
 //! executed one; asked with `ENQ`, the same if it is idle, `BEL` while it is busy, `CAN` and a letter while a fault
 //! stands. The master counts the parts that it gives. So an idle slave's answer tells whether it has executed its part
-//! (and its `ACK` was lost) or was given nothing; an `ACK` alone tells neither, and the master asks again.
+//! (and its `ACK` was lost) or was given nothing. An `ACK` alone tells neither, and the master asks again.
 //!
 //! - A parity that does not fit may be an answer that was under way when the part was sent, or spoilt. So the master
-//!   asks once more, and only if the parity does not fit then either has the slave missed its part ([`Fault::Garbled`]).
+//!   asks once more, and only if it does not fit then either has the slave missed its part ([`Fault::Garbled`]).
 //! - What begins like a sub-frame with the byte of `ENQ` and is cut there is answered like an enquiry. The parity tells
 //!   that nothing has been executed.
 //! - A slave that has started anew takes no part before it has said so: its count is 0 again, and what it was to hold
