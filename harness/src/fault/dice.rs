@@ -6,8 +6,8 @@ use xxhash_rust::xxh3::xxh3_64_with_seed;
 
 use super::Range;
 
-/// Draws by lot. What is drawn for a place depends on the seed and on nothing else, so that a scenario with fewer faults
-/// draws the same for those that are left.
+/// Draws by lot. What is drawn for a place depends on the seed and on nothing else, so that a scenario with fewer
+/// faults draws the same for those that are left.
 #[derive(Clone, Debug)]
 pub struct Dice {
     seed: u64,
