@@ -4,6 +4,7 @@ mod cost;
 pub mod file;
 mod input;
 pub mod kinds;
+pub mod place;
 mod process;
 
 use std::collections::BTreeMap;

@@ -131,7 +131,7 @@ impl Scenario {
     /// As [`Scenario::load`].
     pub fn parse(path: &str, text: &str, seed: Option<u64>) -> Result<Self, ScenarioError> {
         let invalid = |(span, message): Complaint| Invalid::at(path, text, span, message);
-        let of_toml = |error: toml::de::Error| invalid((error.span().unwrap_or(0..0), error.message().to_owned()));
+        let of_toml = |error: toml::de::Error| invalid(text::of_toml(&error));
         let mut raw: RawScenario = toml::from_str(text).map_err(of_toml)?;
         raw.seed = seed.unwrap_or(raw.seed);
         let beside = Path::new(path).parent().map(|folder| folder.join(&raw.rig)).filter(|rig| rig.is_file());
