@@ -6,6 +6,8 @@ use super::within;
 
 /// Driven for so many slot times without a slot, the axis is stalled. (Ours.)
 const STALL_SLOTS: f64 = 3.0;
+/// But not sooner than this, in ms: a motor takes its time to start. (Ours.)
+const STALL_MS: f64 = 200.0;
 
 /// The settings of the infeed axis's board.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -130,10 +132,10 @@ impl DepthSettings {
         f64::from(self.encoder.slots) / self.encoder.length_mm
     }
 
-    /// At least two, for a motor that passes several slots from poll to poll.
+    /// So many polls without a slot are a stall.
     pub(crate) fn stall_polls(&self) -> u32 {
-        let poll_ms = f64::from(self.controller.poll_ms);
-        let polls_per_slot = 1_000.0 / (self.slots_per_mm() * self.speed_mm_per_s() * poll_ms);
-        (STALL_SLOTS * polls_per_slot).ceil().max(2.0) as u32
+        let slot_ms = 1_000.0 / (self.slots_per_mm() * self.speed_mm_per_s());
+        let polls = (STALL_SLOTS * slot_ms).max(STALL_MS) / f64::from(self.controller.poll_ms);
+        polls.ceil().max(2.0) as u32
     }
 }

@@ -94,19 +94,19 @@ pub struct TransverseController {
     pub form: PositionForm,
     /// How the set point goes to its target. Default along a trapezoid.
     pub set_point: SetPoint,
-    /// K1 = Kp (Eq. 14), in LSB per count: 0 to 1000. Default 1.5. (Ours.)
+    /// K1 = Kp (Eq. 14), in LSB per count: 0 to 1000000. Default 1.5. (Ours.)
     pub k1: f64,
-    /// K2 = Kp/Ti (Eq. 14), in LSB per count and s: 0 to 1000. Default 0.5. (Ours.)
+    /// K2 = Kp/Ti (Eq. 14), in LSB per count and s: 0 to 1000000. Default 0.5. (Ours.)
     pub k2: f64,
-    /// K3 = Kp·Td (Eq. 14), in LSB·s per count: 0 to 1000. Default 0.27. (Ours.)
+    /// K3 = Kp·Td (Eq. 14), in LSB·s per count: 0 to 1000000. Default 0.27. (Ours.)
     pub k3: f64,
-    /// The gain of the characterisation's loop (Fig. 9), in LSB per count: 0 to 1000. Default 0.0905815: Km·255/7500.
+    /// The gain of the characterisation's loop (Fig. 9), in LSB per count: 0 to 1000000. Default 0.0905815: Km·255/7500.
     pub kch: f64,
     /// The largest error that is integrated, in counts: 0 to 1000000. Default 50. (Ours.)
     pub integral_zone_counts: u32,
-    /// Feed-forward of the set point's speed, in LSB per count/s: 0 to 1000. Default 0.034: 255/7500. (Ours.)
+    /// Feed-forward of the set point's speed, in LSB per count/s: 0 to 1000000. Default 0.034: 255/7500. (Ours.)
     pub kv: f64,
-    /// Feed-forward of its acceleration, in LSB per count/s²: 0 to 1000. Default 0.0244375: τ·kv. (Ours.)
+    /// Feed-forward of its acceleration, in LSB per count/s²: 0 to 1000000. Default 0.0244375: τ·kv. (Ours.)
     pub ka: f64,
     /// The set point's acceleration, in counts per sample²: 1 to 225. Default 3. (Ours.)
     pub accel_counts_per_sample2: u32,
@@ -216,13 +216,13 @@ impl TransverseSettings {
         within("drive.supply", drive.supply, 0.01, 2.0)?;
         within("drive.bits", drive.bits, 1.0, 24.0)?;
         within("encoder.slots_per_rev", encoder.slots_per_rev, 1.0, 1e6)?;
-        within("controller.k1", controller.k1, 0.0, 1_000.0)?;
-        within("controller.k2", controller.k2, 0.0, 1_000.0)?;
-        within("controller.k3", controller.k3, 0.0, 1_000.0)?;
-        within("controller.kch", controller.kch, 0.0, 1_000.0)?;
+        within("controller.k1", controller.k1, 0.0, 1e6)?;
+        within("controller.k2", controller.k2, 0.0, 1e6)?;
+        within("controller.k3", controller.k3, 0.0, 1e6)?;
+        within("controller.kch", controller.kch, 0.0, 1e6)?;
         within("controller.integral_zone_counts", controller.integral_zone_counts, 0.0, 1e6)?;
-        within("controller.kv", controller.kv, 0.0, 1_000.0)?;
-        within("controller.ka", controller.ka, 0.0, 1_000.0)?;
+        within("controller.kv", controller.kv, 0.0, 1e6)?;
+        within("controller.ka", controller.ka, 0.0, 1e6)?;
         within("controller.accel_counts_per_sample2", controller.accel_counts_per_sample2, 1.0, 225.0)?;
         within("controller.sample_ms", controller.sample_ms, 1.0, 1_000.0)?;
         within("controller.in_position_counts", controller.in_position_counts, 0.0, 1_000.0)

@@ -1,5 +1,7 @@
 //! What a response that a board has told says about the system behind it.
 
+#![allow(clippy::disallowed_methods, reason = "what is compared with a tolerance may differ in its last digits")]
+
 use torno_protocol::board::Board;
 use torno_protocol::time::{Instant, Span};
 
@@ -39,14 +41,14 @@ pub(crate) fn settled(response: &[f64], end: f64, band: f64) -> f64 {
     last as f64 + (a - band) / (a - b)
 }
 
-/// The highest point of a response and when it is, in samples, by a parabola through the three highest.
+/// When the highest point of a response is, in samples, and how high, by a parabola.
 pub(crate) fn peak(response: &[f64]) -> (f64, f64) {
     let highest = response.iter().copied().fold(f64::MIN, f64::max);
     let first = response.iter().position(|value| *value == highest).unwrap();
     let last = response.iter().rposition(|value| *value == highest).unwrap();
     let middle = (first + last) / 2;
     // Far enough apart for the quantum not to matter.
-    let far = (middle / 10).max(1);
+    let far = (middle / 50).max(1);
     let [a, b, c] = [middle - far, middle, middle + far].map(|k| response[k]);
     let shift = 0.5 * (a - c) / (a - 2.0 * b + c);
     (middle as f64 + shift * far as f64, b - 0.25 * (a - c) * shift)
@@ -59,14 +61,11 @@ pub(crate) fn solve(mut matrix: Vec<Vec<f64>>, mut right: Vec<f64>) -> Vec<f64> 
         let pivot = (column..n).max_by(|a, b| matrix[*a][column].abs().total_cmp(&matrix[*b][column].abs())).unwrap();
         matrix.swap(column, pivot);
         right.swap(column, pivot);
-        for row in 0..n {
-            if row != column {
-                let factor = matrix[row][column] / matrix[column][column];
-                for k in 0..n {
-                    matrix[row][k] -= factor * matrix[column][k];
-                }
-                right[row] -= factor * right[column];
-            }
+        let (top, of_top) = (matrix[column].clone(), right[column]);
+        for row in (0..n).filter(|row| *row != column) {
+            let factor = matrix[row][column] / top[column];
+            matrix[row].iter_mut().zip(&top).for_each(|(value, top)| *value -= factor * top);
+            right[row] -= factor * of_top;
         }
     }
     (0..n).map(|k| right[k] / matrix[k][k]).collect()
