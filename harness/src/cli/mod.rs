@@ -141,8 +141,7 @@ fn rig_and_program(rig: Option<String>, program: Option<PathBuf>) -> (String, Op
 /// A rig with values put in their places, each as `PLACE=VALUE`.
 fn load_rig(rig: &str, set: &[String]) -> anyhow::Result<RigFile> {
     set.iter().try_fold(RigFile::load(rig)?, |file, set| {
-        let (place, value) = set.split_once('=').with_context(|| format!("--set '{set}': expected PLACE=VALUE"))?;
-        file.with(place.trim(), value.trim()).map_err(|message| anyhow::anyhow!("--set '{set}': {message}"))
+        file.set(set).map_err(|message| anyhow::anyhow!("--set '{set}': {message}"))
     })
 }
 

@@ -203,6 +203,15 @@ impl RigFile {
         })
     }
 
+    /// The same from `PLACE=VALUE`.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn set(&self, text: &str) -> Result<Self, String> {
+        let (place, value) = text.split_once('=').ok_or("expected PLACE=VALUE")?;
+        self.with(place.trim(), value.trim())
+    }
+
     /// Every line, in the order of the engine's numbers. The PC comes after the boards and has one port.
     pub fn lines(&self) -> Vec<Line> {
         let name = |place: usize| self.boards.get(place).map_or("pc", |board| board.name.as_str());
