@@ -67,7 +67,7 @@ fn a_broken_rig_file_is_refused_with_file_line_and_what_was_expected() {
     // What is replaced by what, in which line the complaint is, and what it says.
     let depth = "kind = \"depth\"";
     for (from, to, line, expected) in [
-        ("tx_fifo = 1", "tx_fivo = 1", line_of("tx_fifo"), "unknown field `tx_fivo`, expected one of"),
+        ("tx_fifo = 1", "tx_fivo = 1", line_of("tx_fifo"), "unknown field `tx_fivo`: did you mean 'tx_fifo'?"),
         ("[pc]", "[pc", line_of("[pc]"), "expected"),
         ("name = \"lathe\"", "name = lathe", line_of("name"), "expected"),
         ("name = \"lathe\"", "", 1, "missing field `name`"),
@@ -81,9 +81,15 @@ fn a_broken_rig_file_is_refused_with_file_line_and_what_was_expected() {
         ("tx_fifo = 1", "clock_ppm = nan", line_of("tx_fifo"), "expected -200000 to 200000"),
         (depth, "kind = \"milling\"", line_of(depth), "unknown kind of board 'milling': expected one of master, "),
         (depth, "kind = 4", line_of(depth), "invalid type: integer `4`, expected a string"),
-        (depth, "kind = \"depth\"\nsettings = { rpm = 0 }", line_of(depth) + 1, "rpm: expected 0.1 to 1000, found 0"),
-        (depth, "kind = \"depth\"\nsettings = { rpn = 8 }", line_of(depth) + 1, "unknown field `rpn`, expected one of"),
-        (depth, "kind = \"depth\"\nsettings = { rpm = \"8\" }", line_of(depth) + 1, "expected f64"),
+        (depth, "kind = \"depth\"\nsettings.plant.rpm = 0", line_of(depth) + 1, "rpm: expected 0.1 to 1000, found 0"),
+        (
+            depth,
+            "kind = \"depth\"\nsettings.plant.rpn = 8",
+            line_of(depth) + 1,
+            "unknown field `rpn`: did you mean 'rpm'?",
+        ),
+        (depth, "kind = \"depth\"\nsettings.rpm = 8", line_of(depth) + 1, "`rpm`: did you mean 'plant.rpm'?"),
+        (depth, "kind = \"depth\"\nsettings.plant.rpm = \"8\"", line_of(depth) + 1, "expected f64"),
         ("name = \"depth\"", "name = \"master\"", line_of("name = \"depth\""), "'master' is already taken"),
         ("\"depth.master\"", "\"depth\"", line_of("\"depth.master\""), "'depth': expected board.port"),
         ("\"depth.master\"", "\"dept.master\"", line_of("\"depth.master\""), "expected one of master, spindle"),
@@ -99,6 +105,22 @@ fn a_broken_rig_file_is_refused_with_file_line_and_what_was_expected() {
         let place = format!("{path}:{line}:");
         for command in ["run", "up"] {
             refused(&[command, &path], &[&place, expected]);
+        }
+    }
+}
+
+#[test]
+fn what_cannot_be_set_is_refused_with_the_nearest_name() {
+    for (set, expected) in [
+        ("spindle.controller.kk=1", "unknown field `kk`: did you mean 'k'?"),
+        ("spindle.contoller.k=1", "unknown field `contoller`: did you mean 'controller'?"),
+        ("spindel.controller.k=1", "there is no board 'spindel': did you mean 'spindle'?"),
+        ("spindle.controller.form=litteral", "unknown variant `litteral`: did you mean 'literal'?"),
+        ("spindle.controller.k=-1", "controller.k: expected 0 to 100, found -1"),
+        ("spindle.controller.k", "expected PLACE=VALUE"),
+    ] {
+        for command in ["run", "up"] {
+            refused(&[command, "--set", set], &[&format!("torno: --set '{set}': "), expected]);
         }
     }
 }

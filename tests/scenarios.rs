@@ -421,7 +421,12 @@ fn what_is_wrong_with_a_file_is_told() {
         (step("wait = { reply = \"XON\", character = 2 }"), "4:37", "expected which one of a line"),
         (step("wait = { line = \"pc_to_master\", character = 0 }"), "4:45", "from 1"),
         (fault("board = \"depth\"\nkind = \"crash\"\nfro = \"1 s\""), "5:1", "unknown field `fro`"),
-        (step("wiat = \"1 s\""), "4:1", "unknown field `wiat`"),
+        (step("wiat = \"1 s\""), "4:1", "unknown field `wiat`: did you mean 'wait'?"),
+        (
+            "name = \"n\"\nset = [\"depth.plant.rpn = 8\"]\n".to_owned(),
+            "2:8",
+            "unknown field `rpn`: did you mean 'rpm'?",
+        ),
         (step("wait = { reply = \"XON\", within = \"5 m\" }"), "4:34", "'5 m': expected a time, such as"),
         (step("run = \"3 %\""), "4:7", "'3 %': expected a time, such as"),
         (

@@ -72,11 +72,15 @@ fn what_cannot_be_varied_is_said_with_what_could_be_meant() {
     for (vary, expected) in [
         ("fault.nose.period=1 s", "there is no fault 'nose': did you mean 'noise'?"),
         ("board.spindel.clock_ppm=1", "there is no board 'spindel': did you mean 'spindle'?"),
-        ("bord.spindle.clock_ppm=1", "there is no 'bord': did you mean 'board'?"),
+        ("bord.spindle.clock_ppm=1", "there is no board 'bord': did you mean 'board'?"),
         ("fault.noise.period=1 s..2 ms", "FROM and TO have different units"),
         ("fault.noise.period", "there is no '='"),
         ("fault.noise.period=7", "invalid type: integer `7`"),
         ("board.depth.clock_ppm=1e6", "expected -200000 to 200000"),
+        (
+            "depth.plant.rpn=8",
+            "--vary 'depth.plant.rpn': settings of this depth: unknown field `rpn`: did you mean 'rpm'?",
+        ),
     ] {
         let output = output(&["sweep", NOISE, "--vary", vary]);
         let error = String::from_utf8(output.stderr).unwrap();

@@ -1,77 +1,21 @@
 //! The infeed axis's board (§4): a slow motor that is switched on and off.
 
-use serde::{Deserialize, Serialize};
 use torno_protocol::board::Stimulus;
 use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{DepthPart, Fault, Refusal};
 use torno_protocol::time::Instant;
 
 use crate::control::OnOff;
+use crate::drive::Bridge;
 use crate::encoder::{Counter, Encoder};
 use crate::plant::PositionMotor;
-use crate::settings::within;
+use crate::settings::DepthSettings;
 use crate::slave::{Machine, Progress, Slave};
 
 /// In position for so many polls, the axis is done. (Ours.)
 const SETTLED_POLLS: u32 = 4;
 /// How near the target is in position, in slots. (Ours.)
 const IN_POSITION: i64 = 1;
-/// Driven for so many slot times without a slot, the axis is stalled. (Ours.)
-const STALL_SLOTS: f64 = 3.0;
-
-/// The settings of the infeed axis's board.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct DepthSettings {
-    /// The motor's time constant, in s: 0.001 to 10. Default 0.05. (Ours.)
-    pub tau_s: f64,
-    /// The lead of the screw, in mm per revolution: 0.1 to 100. Default 2. (Ours; the paper gives none.)
-    pub pitch_mm: f64,
-    /// The motor's speed when driven, in rpm: 0.1 to 1000. Default 8 (§4).
-    pub rpm: f64,
-    /// The time between polls of the encoder, in ms: 1 to 1000. Default 10. (Ours.)
-    pub poll_ms: u32,
-    /// The slots of the linear encoder: 2 to 1000000. Default 900 (§4).
-    pub slots: u32,
-    /// The length of the linear encoder, which is also the travel, in mm: 1 to 10000. Default 160 (§4). A slot is
-    /// 0.1778 mm (the paper prints 0.17).
-    pub length_mm: f64,
-}
-
-impl Default for DepthSettings {
-    fn default() -> Self {
-        Self { tau_s: 0.05, pitch_mm: 2.0, rpm: 8.0, poll_ms: 10, slots: 900, length_mm: 160.0 }
-    }
-}
-
-impl DepthSettings {
-    /// Checks every field's range.
-    ///
-    /// # Errors
-    /// The first field that is out of range: its name, what was expected, what was found.
-    pub fn check(&self) -> Result<(), String> {
-        within("tau_s", self.tau_s, 0.001, 10.0)?;
-        within("pitch_mm", self.pitch_mm, 0.1, 100.0)?;
-        within("rpm", self.rpm, 0.1, 1_000.0)?;
-        within("poll_ms", self.poll_ms, 1.0, 1_000.0)?;
-        within("slots", self.slots, 2.0, 1e6)?;
-        within("length_mm", self.length_mm, 1.0, 10_000.0)
-    }
-
-    fn speed_mm_per_s(&self) -> f64 {
-        self.pitch_mm * self.rpm / 60.0
-    }
-
-    fn slots_per_mm(&self) -> f64 {
-        f64::from(self.slots) / self.length_mm
-    }
-
-    /// At least two, for a motor that passes several slots from poll to poll.
-    fn stall_polls(&self) -> u32 {
-        let polls_per_slot = 1_000.0 / (self.slots_per_mm() * self.speed_mm_per_s() * f64::from(self.poll_ms));
-        (STALL_SLOTS * polls_per_slot).ceil().max(2.0) as u32
-    }
-}
 
 /// The infeed axis's board.
 ///
@@ -81,7 +25,7 @@ pub type Depth = Slave<DepthMachine, { DepthPart::LENGTH }, 4>;
 impl Depth {
     /// The board as at power-on: the slide stands in mid-travel.
     pub fn new(settings: &DepthSettings, clock: Clock) -> Self {
-        Self::with(DepthMachine::new(settings), settings.poll_ms, clock)
+        Self::with(DepthMachine::new(settings), settings.controller.poll_ms, clock)
     }
 }
 
@@ -155,8 +99,10 @@ impl DepthMachine {
     fn new(settings: &DepthSettings) -> Self {
         let speed_mm_per_s = settings.speed_mm_per_s();
         let encoder = Encoder::new(settings.slots_per_mm());
+        let DepthSettings { plant, drive, .. } = settings;
+        let motor = PositionMotor::new(plant.tau_s, speed_mm_per_s, plant.travel_mm / 2.0);
         Self {
-            motor: PositionMotor::new(settings.tau_s, speed_mm_per_s, settings.length_mm / 2.0),
+            motor: motor.with_load(plant.friction, plant.load_torque, drive.supply).with_backlash(plant.backlash_mm),
             speed_mm_per_s,
             encoder,
             counter: Counter::new(encoder),
@@ -174,7 +120,7 @@ impl DepthMachine {
     }
 
     fn apply(&mut self) {
-        self.motor.drive(self.speed_mm_per_s * self.firmware.law.drive() as f64);
+        self.motor.drive(self.speed_mm_per_s * Bridge::set(self.firmware.law.drive()).drive());
     }
 }
 
@@ -221,11 +167,7 @@ impl Machine<{ DepthPart::LENGTH }, 4> for DepthMachine {
         self.motor.advance(now);
         match stimulus {
             Stimulus::Counts(counts) => self.counter.invent(self.motor.carriage(), *counts),
-            Stimulus::Load(per_mille) => self.motor.set_load(*per_mille),
-            Stimulus::Supply(per_mille) => self.motor.set_supply(*per_mille),
-            Stimulus::Backlash(counts) => self.motor.set_backlash(self.encoder.way(i32::from(*counts))),
-            Stimulus::EndStop(counts) => self.motor.set_stop(self.encoder.way(*counts)),
-            _ => {}
+            _ => self.motor.disturb(stimulus, |counts| self.encoder.way(counts)),
         }
     }
 

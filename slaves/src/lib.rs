@@ -11,6 +11,7 @@
 
 mod control;
 mod depth;
+mod drive;
 mod encoder;
 mod link;
 mod plant;
@@ -20,6 +21,11 @@ mod slave;
 mod spindle;
 mod transverse;
 
-pub use depth::{Depth, DepthSettings};
-pub use spindle::{Spindle, SpindleSettings};
-pub use transverse::{Transverse, TransverseSettings};
+pub use depth::Depth;
+pub use settings::{
+    DepthController, DepthDrive, DepthEncoder, DepthPlant, DepthSettings, Eq12, LeadForm, PositionForm, PositionModel,
+    SetPoint, SpindleController, SpindleDrive, SpindleEncoder, SpindlePlant, SpindleSettings, TransverseController,
+    TransverseDrive, TransverseEncoder, TransversePlant, TransverseSettings,
+};
+pub use spindle::Spindle;
+pub use transverse::Transverse;

@@ -81,7 +81,10 @@ impl<M: Machine<N, S>, const N: usize, const S: usize> Slave<M, N, S> {
     pub(crate) fn with(machine: M, period_ms: u32, clock: Clock) -> Self {
         let told = machine.values();
         let (link, schedule) = (Link::new(clock), Schedule::new(period_ms, clock));
-        Self { machine, link, schedule, clock, now: Instant::START, told }
+        let mut slave = Self { machine, link, schedule, clock, now: Instant::START, told };
+        // A load may move the axis that nobody drives.
+        slave.sample_unless_at_rest(Instant::START);
+        slave
     }
 
     fn execute(&mut self, now: Instant, part: [u8; N]) {

@@ -1,71 +1,25 @@
 //! The main motor's board (§4, Eq. 1 to 7): speed counted in windows, a lead compensator, a PWM of 10 bits.
 
-use serde::{Deserialize, Serialize};
 use torno_protocol::board::Stimulus;
 use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{Fault, Refusal, SpindlePart};
 use torno_protocol::time::Instant;
 
 use crate::control::Lead;
+use crate::drive::Pwm;
 use crate::encoder::{Counter, Encoder};
 use crate::plant::SpeedMotor;
-use crate::settings::within;
+use crate::settings::{SpindleController, SpindleSettings};
 use crate::slave::{Machine, Progress, Slave};
 
-/// Pulses of the encoder per revolution (§4).
-const PULSES_PER_REV: f64 = 50.0;
-/// The longest pulse of the PWM, in LSB: 10 bits, the PIC's own. (Ours.)
-const DRIVE_MAX: f64 = 1_023.0;
 /// The windows whose mean is compared with the set point: 0.24 s, enough to take out the jitter of a count. (Ours.)
 const MEAN_OF: usize = 8;
 /// Consecutive windows without a pulse after which a driven motor is stalled: about 1 s. (Ours.)
 const STALL_WINDOWS: u32 = 34;
-/// A drive that turns any motor that can turn, in LSB: 10 %. (Ours.)
-const STALL_DRIVE: i64 = 102;
+/// A drive above which any motor turns that can: 10 % of full. (Ours.)
+const STALL_DRIVE: f64 = 0.1;
 /// 1 rpm in rad/s.
 const RPM: f64 = core::f64::consts::TAU / 60.0;
-
-/// The settings of the main motor's board.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct SpindleSettings {
-    /// The motor's gain, in rad/s per V: 0.1 to 1000. Default 19 (§4; the unit is inferred: 5500 rpm at 30 V).
-    pub km_rad_per_s_volt: f64,
-    /// The motor's time constant, in s: 0.01 to 1000. Default 2.8 (§4).
-    pub tau_s: f64,
-    /// The voltage at full drive, in V: 1 to 1000. Default 30 (§4).
-    pub supply_v: f64,
-    /// The window in which pulses are counted, in ms: 5 to 1000. Default 30 (§4; Eq. 6 was computed with 32).
-    pub window_ms: u32,
-    /// The compensator's zero (Eq. 7): 0 to 1. Default 0.97. (Ours.)
-    pub alpha: f64,
-    /// The compensator's pole, negated (Eq. 7): −0.99 to 0.99. Default −0.60. (Ours.)
-    pub beta: f64,
-    /// The compensator's gain (Eq. 7), in V per rad/s: 0.0001 to 100. Default 0.30. (Ours.)
-    pub k: f64,
-}
-
-impl Default for SpindleSettings {
-    fn default() -> Self {
-        Self { km_rad_per_s_volt: 19.0, tau_s: 2.8, supply_v: 30.0, window_ms: 30, alpha: 0.97, beta: -0.60, k: 0.30 }
-    }
-}
-
-impl SpindleSettings {
-    /// Checks every field's range.
-    ///
-    /// # Errors
-    /// The first field that is out of range: its name, what was expected, what was found.
-    pub fn check(&self) -> Result<(), String> {
-        within("km_rad_per_s_volt", self.km_rad_per_s_volt, 0.1, 1_000.0)?;
-        within("tau_s", self.tau_s, 0.01, 1_000.0)?;
-        within("supply_v", self.supply_v, 1.0, 1_000.0)?;
-        within("window_ms", self.window_ms, 5.0, 1_000.0)?;
-        within("alpha", self.alpha, 0.0, 1.0)?;
-        within("beta", self.beta, -0.99, 0.99)?;
-        within("k", self.k, 0.000_1, 100.0)
-    }
-}
 
 /// The main motor's board.
 ///
@@ -75,7 +29,7 @@ pub type Spindle = Slave<SpindleMachine, { SpindlePart::LENGTH }, 4>;
 impl Spindle {
     /// The board as at power-on: the motor stands.
     pub fn new(settings: &SpindleSettings, clock: Clock) -> Self {
-        Self::with(SpindleMachine::new(settings), settings.window_ms, clock)
+        Self::with(SpindleMachine::new(settings), settings.controller.window_ms, clock)
     }
 }
 
@@ -83,6 +37,8 @@ impl Spindle {
 #[derive(Clone, Debug)]
 pub struct SpindleMachine {
     motor: SpeedMotor,
+    /// What full drive is at the motor, in V.
+    supply_v: f64,
     counter: Counter,
     firmware: Firmware,
 }
@@ -90,7 +46,13 @@ pub struct SpindleMachine {
 #[derive(Clone, Debug)]
 struct Firmware {
     lead: Lead,
+    pwm: Pwm,
+    /// What the firmware takes the supply for, in V.
     supply_v: f64,
+    /// What it takes the motor's gain for, in rad/s per V.
+    km: f64,
+    /// The drive above which standing still is a stall, in LSB.
+    stall_drive: i64,
     rpm_per_count: f64,
     set_point_rpm: i64,
     /// The encoder's count at the end of the last window.
@@ -104,11 +66,15 @@ struct Firmware {
 
 impl Firmware {
     fn new(settings: &SpindleSettings) -> Self {
-        let SpindleSettings { supply_v, window_ms, alpha, beta, k, .. } = *settings;
+        let SpindleController { form, k, alpha, beta, window_ms, supply_v, km_rad_per_s_volt } = settings.controller;
+        let pwm = Pwm::new(settings.drive.bits);
         Self {
-            lead: Lead::new(alpha, beta, k, supply_v),
+            lead: Lead::new(form, alpha, beta, k, supply_v),
+            pwm,
             supply_v,
-            rpm_per_count: 60_000.0 / (PULSES_PER_REV * f64::from(window_ms)),
+            km: km_rad_per_s_volt,
+            stall_drive: pwm.width(STALL_DRIVE),
+            rpm_per_count: 60_000.0 / (f64::from(settings.encoder.pulses_per_rev) * f64::from(window_ms)),
             set_point_rpm: 0,
             count: 0,
             windows: [0; MEAN_OF],
@@ -137,7 +103,7 @@ impl Firmware {
         self.windows[self.newest] = pulses;
     }
 
-    /// The control law: the mean voltage for the next window.
+    /// The control law: the pulse's width for the next window, as a share of the whole.
     fn control(&mut self) -> f64 {
         if self.set_point_rpm == 0 {
             self.lead.reset();
@@ -145,11 +111,11 @@ impl Firmware {
             return 0.0;
         }
         // In half counts the PIC needs no fractions: the set point's unit of 20 rpm is half a count of 40 rpm.
-        let error_rpm = self.set_point_rpm as f64 - self.speed_counts() as f64 * self.rpm_per_count;
-        let volts = self.lead.step(error_rpm * RPM);
-        let drive = (volts / self.supply_v * DRIVE_MAX).round();
-        self.drive = drive as i64;
-        drive / DRIVE_MAX * self.supply_v
+        let set_point_rpm = self.set_point_rpm as f64;
+        let error_rpm = set_point_rpm - self.speed_counts() as f64 * self.rpm_per_count;
+        let volts = self.lead.step(error_rpm * RPM, set_point_rpm * RPM / self.km);
+        self.drive = self.pwm.width(volts / self.supply_v);
+        self.pwm.share(self.drive)
     }
 
     fn is_done(&self) -> bool {
@@ -161,7 +127,7 @@ impl Firmware {
 
     /// Whether the window that has ended makes the motor stalled.
     fn is_stalled(&mut self, armed: bool) -> bool {
-        let idle = self.speed_counts() == 0 && self.set_point_rpm != 0 && self.drive > STALL_DRIVE;
+        let idle = self.speed_counts() == 0 && self.set_point_rpm != 0 && self.drive > self.stall_drive;
         self.empty = if armed && idle { self.empty.saturating_add(1) } else { 0 };
         self.empty >= STALL_WINDOWS
     }
@@ -176,9 +142,12 @@ impl Firmware {
 
 impl SpindleMachine {
     fn new(settings: &SpindleSettings) -> Self {
+        let SpindleSettings { plant, drive, encoder, .. } = settings;
+        let motor = SpeedMotor::new(plant.km_rad_per_s_volt, plant.tau_s, drive.supply_v);
         Self {
-            motor: SpeedMotor::new(settings.km_rad_per_s_volt, settings.tau_s, settings.supply_v),
-            counter: Counter::new(Encoder::new(PULSES_PER_REV)),
+            motor: motor.with_load(plant.friction + plant.load_torque),
+            supply_v: drive.supply_v,
+            counter: Counter::new(Encoder::new(f64::from(encoder.pulses_per_rev))),
             firmware: Firmware::new(settings),
         }
     }
@@ -214,8 +183,8 @@ impl Machine<{ SpindlePart::LENGTH }, 4> for SpindleMachine {
             self.motor.drive(0.0);
             return Progress::Failed(Fault::Stalled);
         }
-        let volts = self.firmware.control();
-        self.motor.drive(volts);
+        let share = self.firmware.control();
+        self.motor.drive(share * self.supply_v);
         if busy && self.firmware.is_done() { Progress::Done } else { Progress::Going }
     }
 
@@ -303,15 +272,9 @@ mod tests {
     }
 
     #[test]
-    fn the_defaults_are_in_range_and_nonsense_is_named() {
-        assert_eq!(SpindleSettings::default().check(), Ok(()));
-        let settings = SpindleSettings { tau_s: -1.0, ..SpindleSettings::default() };
-        assert_eq!(settings.check(), Err("tau_s: expected 0.01 to 1000, found -1".to_owned()));
-    }
-
-    #[test]
     fn a_motor_that_stands_is_reported_only_while_busy_or_blocked() {
-        let weak = SpindleSettings { km_rad_per_s_volt: 0.0, ..SpindleSettings::default() };
+        let mut weak = SpindleSettings::default();
+        weak.plant.km_rad_per_s_volt = 0.0;
         let fails = |busy: bool, blocked: bool| {
             let mut machine = SpindleMachine::new(&weak);
             machine.start(Instant::START, [75]).unwrap();
@@ -384,7 +347,7 @@ mod tests {
             let mut run = Run::new();
             run.go(rpm, 1_000);
             let drives: Vec<f64> = (0..200).map(|_| (run.go(rpm, 1), run.machine.firmware.drive as f64).1).collect();
-            let found = mean(&drives) / DRIVE_MAX;
+            let found = mean(&drives) / 1_023.0;
             assert!((found - duty).abs() < 0.002, "{rpm}: {found}");
         }
     }

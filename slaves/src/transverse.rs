@@ -1,88 +1,21 @@
 //! The feed axis's board (§4, Eq. 8 to 15): a set point that moves along a trapezoid, and a PID that follows it.
 
-use serde::{Deserialize, Serialize};
 use torno_protocol::board::Stimulus;
 use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{Fault, Refusal, TransversePart};
 use torno_protocol::time::Instant;
 
 use crate::control::{Gains, Pid, Profile};
+use crate::drive::Bridge;
 use crate::encoder::{Counter, Encoder};
-use crate::plant::PositionMotor;
-use crate::settings::within;
+use crate::plant::{PositionMotor, SampledPlant};
+use crate::settings::{PositionModel, TransverseController, TransverseSettings};
 use crate::slave::{Machine, Progress, Slave};
 
-/// The largest drive either way, in LSB: 8 bits, and two pins for the sense (§4).
-const DRIVE_MAX: f64 = 255.0;
-/// In position for so many samples, the axis is done. (Ours.)
-const SETTLED_SAMPLES: u32 = 4;
-/// How near the target is in position, in counts. (Ours.)
-const IN_POSITION: i64 = 1;
-/// Without a count for so many samples, an axis that is not in position is stalled: about 1 s. (Ours.)
-const STALL_SAMPLES: u32 = 34;
-
-/// The settings of the feed axis's board.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct TransverseSettings {
-    /// The motor's time constant, in s: 0.001 to 100. Default 0.71875 (the open loop behind Eq. 11: 1/(2ξω)).
-    pub tau_s: f64,
-    /// The motor's speed per LSB of drive, in counts/s: 0.1 to 10000. Default 7500/255 (500 rpm, 900 slots; §4).
-    pub counts_per_s_per_lsb: f64,
-    /// K1 = Kp (Eq. 14), in LSB per count: 0 to 1000. Default 1.5. (Ours.)
-    pub k1: f64,
-    /// K2 = Kp/Ti (Eq. 14), in LSB per count and s: 0 to 1000. Default 0.5. (Ours.)
-    pub k2: f64,
-    /// K3 = Kp·Td (Eq. 14), in LSB·s per count: 0 to 1000. Default 0.27. (Ours.)
-    pub k3: f64,
-    /// The largest error that is integrated, in counts: 0 to 1000000. Default 50. (Ours.)
-    pub integral_zone_counts: u32,
-    /// The set point's acceleration, in counts per sample²: 1 to 225. Default 3. (Ours.)
-    pub accel_counts_per_sample2: u32,
-    /// The sampling time, in ms: 5 to 1000. Default 30 (§4).
-    pub sample_ms: u32,
-    /// The way from one end stop to the other, in counts: 2 to 1000000. Default 72000: 160 mm with a lead of 2 mm.
-    /// (Ours; the paper gives no lead.)
-    pub travel_counts: u32,
-}
-
-impl Default for TransverseSettings {
-    fn default() -> Self {
-        Self {
-            tau_s: 0.71875,
-            counts_per_s_per_lsb: 7_500.0 / 255.0,
-            k1: 1.5,
-            k2: 0.5,
-            k3: 0.27,
-            integral_zone_counts: 50,
-            accel_counts_per_sample2: 3,
-            sample_ms: 30,
-            travel_counts: 72_000,
-        }
-    }
-}
-
-impl TransverseSettings {
-    /// Checks every field's range.
-    ///
-    /// # Errors
-    /// The first field that is out of range: its name, what was expected, what was found.
-    pub fn check(&self) -> Result<(), String> {
-        within("tau_s", self.tau_s, 0.001, 100.0)?;
-        within("counts_per_s_per_lsb", self.counts_per_s_per_lsb, 0.1, 10_000.0)?;
-        within("k1", self.k1, 0.0, 1_000.0)?;
-        within("k2", self.k2, 0.0, 1_000.0)?;
-        within("k3", self.k3, 0.0, 1_000.0)?;
-        within("integral_zone_counts", self.integral_zone_counts, 0.0, 1e6)?;
-        within("accel_counts_per_sample2", self.accel_counts_per_sample2, 1.0, 225.0)?;
-        within("sample_ms", self.sample_ms, 5.0, 1_000.0)?;
-        within("travel_counts", self.travel_counts, 2.0, 1e6)
-    }
-
-    fn sample_s(&self) -> f64 {
-        f64::from(self.sample_ms) / 1_000.0
-    }
-}
+/// In position for so long, the axis is done: four samples of 30 ms. (Ours.)
+const SETTLED_MS: u32 = 120;
+/// Without a count for so long, an axis that is not in position is stalled: 34 samples of 30 ms. (Ours.)
+const STALL_MS: u32 = 1_020;
 
 /// The feed axis's board.
 ///
@@ -93,7 +26,7 @@ pub type Transverse = Slave<TransverseMachine, { TransversePart::LENGTH }, 4>;
 impl Transverse {
     /// The board as at power-on: the carriage stands in mid-travel.
     pub fn new(settings: &TransverseSettings, clock: Clock) -> Self {
-        Self::with(TransverseMachine::new(settings), settings.sample_ms, clock)
+        Self::with(TransverseMachine::new(settings), settings.controller.sample_ms, clock)
     }
 }
 
@@ -101,6 +34,8 @@ impl Transverse {
 #[derive(Clone, Debug)]
 pub struct TransverseMachine {
     motor: PositionMotor,
+    /// Eq. 12, if it stands in the motor's place.
+    sampled: Option<SampledPlant>,
     counts_per_s_per_lsb: f64,
     /// On the motor's shaft (§4: 900 slots a revolution), so that it does not see backlash.
     encoder: Encoder,
@@ -123,24 +58,30 @@ struct Firmware {
     direction: i64,
     settled: u32,
     still: u32,
+    in_position: i64,
+    settled_samples: u32,
+    stall_samples: u32,
     drive: i64,
 }
 
 impl Firmware {
     fn new(settings: &TransverseSettings) -> Self {
+        let TransverseController { form, k1, k2, k3, kch, kv, ka, sample_ms, .. } = settings.controller;
+        let controller = &settings.controller;
         let sample_s = settings.sample_s();
-        let zone = f64::from(settings.integral_zone_counts);
-        let gains = Gains { k1: settings.k1, k2: settings.k2, k3: settings.k3, zone };
-        let per_speed = 1.0 / (sample_s * settings.counts_per_s_per_lsb);
+        let gains = Gains { k1, k2, k3, zone: f64::from(controller.integral_zone_counts), kch };
         Self {
-            pid: Pid::new(gains, sample_s, DRIVE_MAX),
-            profile: Profile::new(settings.accel_counts_per_sample2),
-            feed_forward: (per_speed, per_speed * settings.tau_s / sample_s),
+            pid: Pid::new(form, gains, sample_s, Bridge::full(settings.drive.bits)),
+            profile: Profile::new(controller.set_point, controller.accel_counts_per_sample2),
+            feed_forward: (kv / sample_s, ka / (sample_s * sample_s)),
             holding: false,
             count: 0,
             direction: 0,
             settled: 0,
             still: 0,
+            in_position: i64::from(controller.in_position_counts),
+            settled_samples: SETTLED_MS.div_ceil(sample_ms),
+            stall_samples: STALL_MS.div_ceil(sample_ms),
             drive: 0,
         }
     }
@@ -171,16 +112,17 @@ impl Firmware {
         let (per_speed, per_acceleration) = self.feed_forward;
         let feed_forward =
             per_speed * self.profile.speed() as f64 + per_acceleration * self.profile.acceleration() as f64;
-        self.drive = self.pid.step((self.profile.set_point() - self.count) as f64, feed_forward);
+        let set_point = self.profile.set_point();
+        self.drive = self.pid.step((set_point - self.count) as f64, set_point as f64, feed_forward);
     }
 
     fn progress(&mut self, moved: bool) -> Progress {
         let to_go = (self.profile.target() - self.count).abs();
-        self.still = if moved || to_go <= IN_POSITION { 0 } else { self.still + 1 };
-        self.settled = if self.profile.is_finished() && to_go <= IN_POSITION { self.settled + 1 } else { 0 };
-        if self.still >= STALL_SAMPLES {
+        self.still = if moved || to_go <= self.in_position { 0 } else { self.still + 1 };
+        self.settled = if self.profile.is_finished() && to_go <= self.in_position { self.settled + 1 } else { 0 };
+        if self.still >= self.stall_samples {
             Progress::Failed(Fault::Stalled)
-        } else if self.settled >= SETTLED_SAMPLES {
+        } else if self.settled >= self.settled_samples {
             Progress::Done
         } else {
             Progress::Going
@@ -190,11 +132,21 @@ impl Firmware {
 
 impl TransverseMachine {
     fn new(settings: &TransverseSettings) -> Self {
-        let full = DRIVE_MAX * settings.counts_per_s_per_lsb;
+        let TransverseSettings { plant, drive, .. } = settings;
+        let (full, end) = (settings.full_counts_per_s(), settings.counts(plant.travel_mm) / 2.0);
         let encoder = Encoder::new(1.0);
+        let motor = PositionMotor::new(plant.tau_s, full, end);
+        let eq12 = &plant.eq12;
+        let sampled = match plant.model {
+            PositionModel::Motor => None,
+            PositionModel::Eq12 => Some(SampledPlant::new(eq12.gain, eq12.zero, eq12.a1, eq12.a2, end)),
+        };
         Self {
-            motor: PositionMotor::new(settings.tau_s, full, f64::from(settings.travel_counts) / 2.0),
-            counts_per_s_per_lsb: settings.counts_per_s_per_lsb,
+            motor: motor
+                .with_load(plant.friction, plant.load_torque, drive.supply)
+                .with_backlash(settings.counts(plant.backlash_mm)),
+            sampled,
+            counts_per_s_per_lsb: full / Bridge::full(drive.bits),
             encoder,
             counter: Counter::new(encoder),
             carriage: 0,
@@ -204,8 +156,29 @@ impl TransverseMachine {
 
     fn advance(&mut self, now: Instant) -> i64 {
         self.motor.advance(now);
-        self.carriage = self.encoder.count(self.motor.carriage());
-        self.counter.count(self.motor.position())
+        self.carriage = self.encoder.count(self.carriage());
+        self.counter.count(self.position())
+    }
+
+    /// Of the motor, in counts.
+    fn position(&self) -> f64 {
+        self.sampled.as_ref().map_or(self.motor.position(), SampledPlant::position)
+    }
+
+    fn carriage(&self) -> f64 {
+        self.sampled.as_ref().map_or(self.motor.carriage(), SampledPlant::position)
+    }
+
+    fn end_stop(&self) -> i64 {
+        self.sampled.as_ref().map_or(self.motor.end_stop(), SampledPlant::end_stop)
+    }
+
+    fn drive(&mut self) {
+        let drive = Bridge::set(self.firmware.drive).drive();
+        match &mut self.sampled {
+            None => self.motor.drive(self.counts_per_s_per_lsb * drive),
+            Some(plant) => plant.step(drive),
+        }
     }
 
     fn let_go(&mut self, count: i64) {
@@ -214,7 +187,10 @@ impl TransverseMachine {
     }
 
     fn is_coasting(&self) -> bool {
-        self.counter.count_at(self.motor.coast_end()) != self.firmware.count
+        match &self.sampled {
+            None => self.counter.count_at(self.motor.coast_end()) != self.firmware.count,
+            Some(plant) => !plant.is_at_rest(),
+        }
     }
 }
 
@@ -240,16 +216,17 @@ impl Machine<{ TransversePart::LENGTH }, 4> for TransverseMachine {
         let count = self.advance(now);
         if !self.firmware.holding {
             self.firmware.stand_at(count);
+            self.drive();
             return Progress::Going;
         }
         let moved = count != self.firmware.count;
         self.firmware.count = count;
         self.firmware.control();
-        self.motor.drive(self.counts_per_s_per_lsb * self.firmware.drive as f64);
+        self.drive();
         if !busy {
             return Progress::Going;
         }
-        let end_stop = self.motor.end_stop();
+        let end_stop = self.end_stop();
         let progress = if end_stop != 0 && end_stop == self.firmware.direction {
             Progress::Failed(Fault::EndOfTravel)
         } else {
@@ -269,18 +246,14 @@ impl Machine<{ TransversePart::LENGTH }, 4> for TransverseMachine {
     fn disturb(&mut self, now: Instant, stimulus: &Stimulus) {
         self.motor.advance(now);
         match stimulus {
-            Stimulus::Counts(counts) => self.counter.invent(self.motor.position(), *counts),
-            Stimulus::Load(per_mille) => self.motor.set_load(*per_mille),
-            Stimulus::Supply(per_mille) => self.motor.set_supply(*per_mille),
-            Stimulus::Backlash(counts) => self.motor.set_backlash(self.encoder.way(i32::from(*counts))),
-            Stimulus::EndStop(counts) => self.motor.set_stop(self.encoder.way(*counts)),
-            _ => {}
+            Stimulus::Counts(counts) => self.counter.invent(self.position(), *counts),
+            _ => self.motor.disturb(stimulus, |counts| self.encoder.way(counts)),
         }
     }
 
     fn power(&mut self, now: Instant) {
         self.motor.advance(now);
-        self.counter.restart(self.motor.position());
+        self.counter.restart(self.position());
         self.reset(now);
     }
 
@@ -328,13 +301,6 @@ mod tests {
     }
 
     #[test]
-    fn the_defaults_are_in_range_and_nonsense_is_named() {
-        assert_eq!(TransverseSettings::default().check(), Ok(()));
-        let settings = TransverseSettings { accel_counts_per_sample2: 0, ..TransverseSettings::default() };
-        assert_eq!(settings.check(), Err("accel_counts_per_sample2: expected 1 to 225, found 0".to_owned()));
-    }
-
-    #[test]
     fn nine_thousand_counts_follow_the_trapezoid_closely() {
         let Run { path, ended } = run(&TransverseSettings::default(), [112, 0x23, 0x28, 0], 250);
         let lag = path.iter().map(|(lag, _)| lag.abs()).max().unwrap();
@@ -362,7 +328,8 @@ mod tests {
 
     #[test]
     fn a_move_of_900_counts_that_is_all_but_a_step_takes_0_7_s() {
-        let settings = TransverseSettings { accel_counts_per_sample2: 225, ..TransverseSettings::default() };
+        let mut settings = TransverseSettings::default();
+        settings.controller.accel_counts_per_sample2 = 225;
         let Run { path, ended } = run(&settings, [225, 0x03, 0x84, 1], 200);
         let first = |level: f64| path.iter().position(|(_, x)| -x >= level).unwrap();
         let rise = SAMPLE.as_secs_f64() * (first(810.0) - first(90.0)) as f64;

@@ -13,7 +13,10 @@ use torno_protocol::record::{Batch, Heard, Timed, Turn};
 use torno_protocol::stepping::Stepper;
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::{Character, Transmitter};
-use torno_slaves::{Depth, DepthSettings, Spindle, SpindleSettings, Transverse, TransverseSettings};
+use torno_slaves::{
+    Depth, DepthPlant, DepthSettings, Spindle, SpindleController, SpindleDrive, SpindlePlant, SpindleSettings,
+    Transverse, TransversePlant, TransverseSettings,
+};
 
 #[derive(Clone, Debug)]
 enum Act {
@@ -128,13 +131,21 @@ fn clocks() -> impl Strategy<Value = Clock> {
 }
 
 fn motors() -> impl Strategy<Value = SpindleSettings> {
-    let settings = (0.1..100.0, 0.01..20.0, 1.0..100.0, 5..100u32, 0.0..1.0, -0.99..0.99, 0.001..10.0);
-    let settings = settings.prop_map(|(km_rad_per_s_volt, tau_s, supply_v, window_ms, alpha, beta, k)| {
-        let settings = SpindleSettings { km_rad_per_s_volt, tau_s, supply_v, window_ms, alpha, beta, k };
+    let settings = (0.1..100.0, 0.01..20.0, 1.0..100.0, 5..100u32, 0.0..1.0, -0.99..0.99, 0.001..10.0, 0.0..0.3);
+    let settings = settings.prop_map(|(km_rad_per_s_volt, tau_s, supply_v, window_ms, alpha, beta, k, friction)| {
+        let plant = SpindlePlant { km_rad_per_s_volt, tau_s, friction, ..SpindlePlant::default() };
+        let controller = SpindleController { k, alpha, beta, window_ms, supply_v, ..SpindleController::default() };
+        let drive = SpindleDrive { supply_v, ..SpindleDrive::default() };
+        let settings = SpindleSettings { plant, drive, controller, ..SpindleSettings::default() };
         settings.check().unwrap();
         settings
     });
     prop_oneof![Just(SpindleSettings::default()), settings]
+}
+
+/// Friction, a push, a supply and backlash.
+fn slides() -> impl Strategy<Value = (f64, f64, f64, f64)> {
+    prop_oneof![Just((0.0, 0.0, 1.0, 0.0)), (0.0..0.3, -0.3..0.3, 0.5..1.5, 0.0..0.5)]
 }
 
 proptest! {
@@ -146,13 +157,21 @@ proptest! {
     }
 
     #[test]
-    fn a_mute_transverse_axis_stays_mute(clock in clocks(), acts in acts()) {
-        keeps_silent(Transverse::new(&TransverseSettings::default(), clock), acts)?;
+    fn a_mute_transverse_axis_stays_mute(slide in slides(), clock in clocks(), acts in acts()) {
+        let (friction, load_torque, supply, backlash_mm) = slide;
+        let plant = TransversePlant { friction, load_torque, backlash_mm, ..TransversePlant::default() };
+        let mut settings = TransverseSettings { plant, ..TransverseSettings::default() };
+        settings.drive.supply = supply;
+        keeps_silent(Transverse::new(&settings, clock), acts)?;
     }
 
     #[test]
-    fn a_mute_depth_axis_stays_mute(clock in clocks(), acts in acts()) {
-        keeps_silent(Depth::new(&DepthSettings::default(), clock), acts)?;
+    fn a_mute_depth_axis_stays_mute(slide in slides(), clock in clocks(), acts in acts()) {
+        let (friction, load_torque, supply, backlash_mm) = slide;
+        let plant = DepthPlant { friction, load_torque, backlash_mm, ..DepthPlant::default() };
+        let mut settings = DepthSettings { plant, ..DepthSettings::default() };
+        settings.drive.supply = supply;
+        keeps_silent(Depth::new(&settings, clock), acts)?;
     }
 
     #[test]

@@ -10,7 +10,7 @@ use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{ACK, BEL, CAN, ENQ};
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::Character;
-use torno_slaves::{Depth, DepthSettings, Transverse, TransverseSettings};
+use torno_slaves::{Depth, DepthController, DepthPlant, DepthSettings, Transverse, TransverseSettings};
 
 /// Speed, distance and direction as the transverse axis gets them.
 fn way(speed: u8, distance: i32) -> [u8; 4] {
@@ -264,7 +264,8 @@ fn fifty_six_slots_are_exact() {
 
 #[test]
 fn a_depth_motor_that_is_too_fast_overshoots_one_slot() {
-    let settings = DepthSettings { pitch_mm: 10.0, tau_s: 0.150, poll_ms: 30, ..DepthSettings::default() };
+    let plant = DepthPlant { pitch_mm: 10.0, tau_s: 0.150, ..DepthPlant::default() };
+    let settings = DepthSettings { plant, controller: DepthController { poll_ms: 30 }, ..DepthSettings::default() };
     let mut bench = Bench::new(Depth::new(&settings, Clock::TRUE));
     bench.send(&slots(3));
     bench.run_ms(s(10));
@@ -468,7 +469,8 @@ fn a_coasting_axis_is_taken_from_where_it_is() {
 fn an_axis_stays_where_it_was_sent() {
     // With a strong integral the drive is often not yet 0 when the axis first stands.
     for k2 in [0.5, 5.0] {
-        let settings = TransverseSettings { k2, ..TransverseSettings::default() };
+        let mut settings = TransverseSettings::default();
+        settings.controller.k2 = k2;
         let mut bench = Bench::new(Transverse::new(&settings, Clock::TRUE));
         let mut target = 0;
         for distance in (1..40).map(|n| (n * 37 % 101) * if n % 2 == 0 { 1 } else { -1 }) {

@@ -25,7 +25,7 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 use torno::live::LiveError;
 use torno::play::DEMONSTRATION;
 use torno::port::PortError;
-use torno::rig::file::{DEFAULT, RigFileError};
+use torno::rig::file::{DEFAULT, RigFile, RigFileError};
 use torno::rig::{Driver, RigError};
 use torno::seat::SeatError;
 use torno::send::SendError;
@@ -140,6 +140,13 @@ fn rig_and_program(rig: Option<String>, program: Option<PathBuf>) -> (String, Op
         (Some(word), None) if word.ends_with(".frames") => (DEFAULT.to_owned(), Some(PathBuf::from(word))),
         (rig, program) => (rig.unwrap_or_else(|| DEFAULT.to_owned()), program),
     }
+}
+
+/// A rig with values put in their places, each as `PLACE=VALUE`.
+fn load_rig(rig: &str, set: &[String]) -> anyhow::Result<RigFile> {
+    set.iter().try_fold(RigFile::load(rig)?, |file, set| {
+        file.set(set).map_err(|message| anyhow::anyhow!("--set '{set}': {message}"))
+    })
 }
 
 /// The program in a file, or the demonstration; with its name.

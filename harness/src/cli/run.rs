@@ -11,11 +11,12 @@ use torno::observe::log;
 use torno::pace::Pace;
 use torno::play::{Finale, Play};
 use torno::report::{Bar, BoardSummary, Frames, Stats, Summary, failures};
-use torno::rig::file::RigFile;
 use torno::trace::Header;
 use torno_protocol::lathe::Outcome;
 
-use super::{FAILED, INTERRUPTED, Interrupt, colour, driver, load_program, print, rig_and_program, start_recording};
+use super::{
+    FAILED, INTERRUPTED, Interrupt, colour, driver, load_program, load_rig, print, rig_and_program, start_recording,
+};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -32,6 +33,9 @@ pub(super) struct Arguments {
     /// Runs the boards in this process instead of one each
     #[arg(long)]
     in_process: bool,
+    /// Sets what the rig file could say: BOARD.TABLE.FIELD, BOARD.clock_ppm or pc.FIELD (may be given several times)
+    #[arg(long, value_name = "PLACE=VALUE")]
+    set: Vec<String>,
     /// Writes every line of the rig as a one-bit signal, in nanoseconds
     #[arg(long, value_name = "FILE")]
     vcd: Option<PathBuf>,
@@ -50,7 +54,7 @@ impl Arguments {
     pub(super) async fn run(self, started: Instant) -> anyhow::Result<ExitCode> {
         log::init("warn");
         let (rig, program) = rig_and_program(self.rig, self.program);
-        let file = RigFile::load(&rig)?;
+        let file = load_rig(&rig, &self.set)?;
         let (program_name, program) = load_program(program.as_deref())?;
         // Before anything runs: a file that cannot be written must not cost a run.
         let vcd = self.vcd.as_deref().map(create).transpose()?;

@@ -23,7 +23,7 @@ pub(super) struct Arguments {
     /// Seeds 0 to N−1 for each combination of values
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
     seeds: u64,
-    /// What to vary: fault.NAME.FIELD, board.NAME.clock_ppm, board.NAME.settings.FIELD or pc.FIELD, as
+    /// What to vary: fault.NAME.FIELD, BOARD.TABLE.FIELD, BOARD.clock_ppm or pc.FIELD, as
     /// PLACE=FROM..TO, PLACE=FROM..TO/COUNT or PLACE=VALUE,VALUE… (may be given several times)
     #[arg(long, value_name = "PLACE=VALUES")]
     vary: Vec<String>,

@@ -15,7 +15,7 @@ use torno::rig::file::{DEFAULT, RigFile};
 use torno::rig::names::Names;
 use torno::trace::Header;
 
-use super::{Interrupt, driver, print, start_recording};
+use super::{Interrupt, driver, load_rig, print, start_recording};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -31,6 +31,9 @@ pub(super) struct Arguments {
     /// Runs the boards in this process instead of one each
     #[arg(long)]
     in_process: bool,
+    /// Sets what the rig file could say: BOARD.TABLE.FIELD, BOARD.clock_ppm or pc.FIELD (may be given several times)
+    #[arg(long, value_name = "PLACE=VALUE")]
+    set: Vec<String>,
     /// Records everything that happens, for 'torno trace', 'torno replay' and 'torno diff'; overwrites a trace
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
@@ -71,7 +74,7 @@ impl Arguments {
     pub(super) async fn run(self) -> anyhow::Result<ExitCode> {
         log::init("info");
         let rig = self.rig.as_deref().unwrap_or(DEFAULT);
-        let file = RigFile::load(rig)?;
+        let file = load_rig(rig, &self.set)?;
         // Before anything is announced, so that whoever reads the announcement may end the rig.
         let mut interrupt = Interrupt::listen()?;
         let link = match self.link {

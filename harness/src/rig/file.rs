@@ -12,6 +12,7 @@ use torno_protocol::time::Span;
 use torno_protocol::uart::BITS_PER_CHARACTER;
 
 use super::kinds::{self, KindError};
+use super::place;
 use crate::text::{self, Complaint, Invalid, TextError};
 
 /// The rigs that are built in: name and text.
@@ -180,11 +181,35 @@ impl RigFile {
     /// [`RigFileError::Invalid`].
     pub fn parse(path: &str, text: &str) -> Result<Self, RigFileError> {
         let invalid = |(span, message): Complaint| Invalid::at(path, text, span, message);
-        let of_toml = |error: toml::de::Error| invalid((error.span().unwrap_or(0..0), error.message().to_owned()));
+        let of_toml = |error: toml::de::Error| invalid(text::of_toml(&error));
         let table = DeTable::parse(text).map_err(of_toml)?;
         let raw = RawRig::deserialize(toml::Deserializer::from(table.clone())).map_err(of_toml)?;
         let file = Self::check(raw, table.get_ref()).map_err(invalid)?;
         Ok(Self { text: text.to_owned(), ..file })
+    }
+
+    /// The rig with `value` at `place`, as a command line says it: see [`place::set`].
+    ///
+    /// # Errors
+    /// What is wrong with the place or the value.
+    pub fn with(&self, place: &str, value: &str) -> Result<Self, String> {
+        let mut table: toml::Table = toml::from_str(&self.text).map_err(|error| error.message().to_owned())?;
+        place::set(&mut table, place, value)?;
+        let text = toml::to_string(&table).map_err(|error| error.to_string())?;
+        // Whoever gave a value on the command line has no use for its line in a file that there is not.
+        Self::parse(&self.name, &text).map_err(|error| match error {
+            RigFileError::Invalid(invalid) => invalid.message,
+            error => error.to_string(),
+        })
+    }
+
+    /// The same from `PLACE=VALUE`.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn set(&self, text: &str) -> Result<Self, String> {
+        let (place, value) = text.split_once('=').ok_or("expected PLACE=VALUE")?;
+        self.with(place.trim(), value.trim())
     }
 
     /// Every line, in the order of the engine's numbers. The PC comes after the boards and has one port.
@@ -280,7 +305,7 @@ fn check_board(raw: RawBoard, settings: &Spanned<DeValue<'_>>, others: &[Board])
     let kind = raw.kind.get_ref().clone();
     let stepper = kinds::build_parsed(&kind, settings, clock).map_err(|error| {
         let span = match &error {
-            KindError::Settings { span, .. } => span.clone().unwrap_or(settings.span()),
+            KindError::Settings { span, .. } => span.clone(),
             KindError::Unknown { .. } => raw.kind.span(),
         };
         (span, error.to_string())
@@ -351,27 +376,27 @@ mod tests {
         // Where they may stand, and how far below `kind` and how far right each field then begins.
         type Place = (fn(&str) -> String, usize, usize);
         let places: [Place; 4] = [
-            (|fields| format!("[board.settings]\npitch_mm = 2.5\n{fields}"), 3, 1),
-            (|fields| format!("clock_ppm = 5\nsettings = {{ pitch_mm = 2.5, {fields} }}"), 2, 30),
-            (|fields| format!("settings.pitch_mm = 2.5\nsettings.{fields}"), 2, 10),
-            (|fields| format!("settings = {{\n  # (Ours.)\n\n  {fields},\n}}"), 4, 3),
+            (|fields| format!("[board.settings.plant]\npitch_mm = 2.5\n{fields}"), 3, 1),
+            (|fields| format!("clock_ppm = 5\nsettings.plant = {{ pitch_mm = 2.5, {fields} }}"), 2, 36),
+            (|fields| format!("settings.plant.pitch_mm = 2.5\nsettings.plant.{fields}"), 2, 16),
+            (|fields| format!("settings = {{ plant = {{\n  # (Ours.)\n\n  {fields},\n}} }}"), 4, 3),
         ];
         let kind = "kind = \"depth\"";
         let text = BUILT_IN[0].1;
         let kind_line = text[..text.find(kind).unwrap()].matches('\n').count() + 1;
-        let known = "expected one of `tau_s`, `pitch_mm`, `rpm`, `poll_ms`, `slots`, `length_mm`";
+        let known = "tau_s, rpm, pitch_mm, travel_mm, backlash_mm, friction, load_torque";
         for (field, column, expected) in [
-            ("rpn = 8", 0, format!("unknown field `rpn`, {known}")),
-            ("\"r p m\" = 8", 0, format!("unknown field `r p m`, {known}")),
-            ("rpm = 0", 6, "rpm: expected 0.1 to 1000, found 0".to_owned()),
-            ("rpm   = nan", 8, "rpm: expected 0.1 to 1000, found NaN".to_owned()),
+            ("rpn = 8", 0, "unknown field `rpn`: did you mean 'rpm'?".to_owned()),
+            ("\"r p m\" = 8", 0, "unknown field `r p m`: did you mean 'rpm'?".to_owned()),
+            ("poll_ms = 8", 0, "unknown field `poll_ms`: did you mean 'controller.poll_ms'?".to_owned()),
+            ("rpm = 0", 6, "plant.rpm: expected 0.1 to 1000, found 0".to_owned()),
+            ("rpm   = nan", 8, "plant.rpm: expected 0.1 to 1000, found NaN".to_owned()),
             ("rpm = \"8\"", 6, "invalid type: string \"8\", expected f64".to_owned()),
             ("rpm = { x = 8 }", 6, "invalid type: map, expected f64".to_owned()),
             ("rpm.x = 8", 0, "invalid type: map, expected f64".to_owned()),
             ("rpm = [1, 2]", 6, "invalid type: sequence, expected f64".to_owned()),
-            ("poll_ms = -1", 10, "invalid value: integer `-1`, expected u32".to_owned()),
-            ("slots = 900.5", 8, "invalid type: floating point `900.5`, expected u32".to_owned()),
-            ("law.gains = { k = 8 }", 0, format!("unknown field `law`, {known}")),
+            ("pitch = 8", 0, "unknown field `pitch`: did you mean 'pitch_mm'?".to_owned()),
+            ("law.gains = { k = 8 }", 0, format!("unknown field `law`: expected one of {known}")),
         ] {
             for (place, lines, columns) in places {
                 let to = format!("{kind}\n{}", place(field));
@@ -384,11 +409,14 @@ mod tests {
 
     #[test]
     fn each_board_has_its_own_settings() {
-        let own = [("master", "answer_ms = 1", "answer_ms = 1: expected 8 to 1000"), ("spindle", "k = 1e3", "k: ")];
+        let own = [
+            ("master", "answer_ms = 1", "answer_ms = 1: expected 8 to 1000"),
+            ("spindle", "controller.k = 1e3", "controller.k: "),
+        ];
         for (kind, field, expected) in own {
             let from = format!("kind = \"{kind}\"");
             // The depth board's come later in the file, and are fine.
-            let text = BUILT_IN[0].1.replace("kind = \"depth\"", "kind = \"depth\"\nsettings.rpm = 9");
+            let text = BUILT_IN[0].1.replace("kind = \"depth\"", "kind = \"depth\"\nsettings.plant.rpm = 9");
             let text = text.replace(&from, &format!("{from}\nsettings.{field}"));
             let found = RigFile::parse("my.toml", &text).unwrap_err().to_string();
             let line = text[..text.find(field).unwrap()].matches('\n').count() + 1;
@@ -448,14 +476,62 @@ mod tests {
             ("port = \"master.pc\"", "port = \"mister.pc\"", "my.toml:LINE:8: there is no board 'mister': expected"),
             ("port = \"master.pc\"", "port = \"master.usb\"", "my.toml:LINE:8: board 'master' has no port 'usb': "),
             ("port = \"master.pc\"", "port = \"pc.cable\"", "my.toml:LINE:8: the PC is linked by 'port'"),
-            ("tx_fifo", "tx_fivo", "my.toml:9:1: unknown field `tx_fivo`"),
-            ("kind = \"depth\"", "kind = \"depth\"\n[board.settings]\npitch = 1", "unknown field `pitch`"),
+            ("tx_fifo", "tx_fivo", "my.toml:9:1: unknown field `tx_fivo`: did you mean 'tx_fifo'?"),
+            ("kind = \"depth\"", "kind = \"depth\"\n[board.settings]\npitch_mm = 1", "did you mean 'plant.pitch_mm'?"),
+            (
+                "kind = \"spindle\"",
+                "kind = \"spindle\"\nsettings.controller.form = \"litteral\"",
+                "my.toml:19:28: settings of this spindle: unknown variant `litteral`: did you mean 'literal'?",
+            ),
+            (
+                "kind = \"depth\"",
+                "kind = \"depth\"\nsettings.controller.poll_ms = -1",
+                "invalid value: integer `-1`, expected u32",
+            ),
+            (
+                "kind = \"depth\"",
+                "kind = \"depth\"\nsettings.encoder.slots = 900.5",
+                "invalid type: floating point `900.5`, expected u32",
+            ),
             ("[pc]", "[pc", "my.toml:6:4:"),
         ] {
             let line = BUILT_IN[0].1.split(from).next().unwrap().matches('\n').count() + 1;
             let expected = &expected.replace("LINE", &line.to_string());
             let found = lathe_with(from, to);
             assert!(found.contains(expected), "{found}\nlacks\n{expected}");
+        }
+    }
+
+    #[test]
+    fn a_value_from_elsewhere_takes_its_place_or_is_complained_about() {
+        let rig = RigFile::load("lathe").unwrap();
+        let settings = |rig: &RigFile, board: usize| rig.boards[board].settings.clone();
+        let changed = rig.with("spindle.controller.k", "0.25").unwrap().with("depth.plant.rpm", "9").unwrap();
+        assert_eq!(
+            (settings(&changed, 1), settings(&changed, 3)),
+            ("[controller]\nk = 0.25\n".into(), "[plant]\nrpm = 9\n".into())
+        );
+        assert_eq!(
+            rig.with("board.spindle.settings.controller.k", "0.25").unwrap().boards[1].settings,
+            settings(&changed, 1)
+        );
+        assert_eq!(rig.with("pc.baud", "4800").unwrap().pc.baud, 4_800);
+        assert_eq!(rig.with("depth.clock_ppm", "5").unwrap().boards[3].clock, Clock::from_ppb(5_000).unwrap());
+        for (place, value, expected) in [
+            ("spindel.controller.k", "1", "there is no board 'spindel': did you mean 'spindle'?"),
+            ("spindle.contoller.k", "1", "unknown field `contoller`: did you mean 'controller'?"),
+            ("spindle.controller.ka", "1", "settings of this spindle: unknown field `ka`: did you mean 'k'?"),
+            ("spindle.k", "1", "settings of this spindle: unknown field `k`: did you mean 'controller.k'?"),
+            ("spindle.plant.km", "1", "unknown field `km`: did you mean 'km_rad_per_s_volt'?"),
+            ("spindle.controller.k", "-1", "settings of this spindle: controller.k: expected 0 to 100, found -1"),
+            ("spindle.controller.k", "x", "invalid type: string \"x\", expected f64"),
+            ("spindle.controller", "1", "expected struct SpindleController"),
+            ("spindle", "1", "expected a field after it"),
+            ("pc.boud", "1", "unknown field `boud`: did you mean 'baud'?"),
+            ("spindle.clock_pmm", "1", "unknown field `clock_pmm`: did you mean 'clock_ppm'?"),
+        ] {
+            let found = rig.with(place, value).unwrap_err();
+            assert!(found.contains(expected), "{place}: {found}");
         }
     }
 

@@ -2,15 +2,18 @@
 
 use std::ops::Range;
 
+use serde::Serialize;
 use serde::de::DeserializeOwned;
-use toml::Spanned;
 use toml::de::{DeTable, DeValue, ValueDeserializer};
+use toml::{Spanned, Table};
 use torno_master::{Master, MasterSettings};
 use torno_protocol::board::{Board, Description};
 use torno_protocol::clock::Clock;
 use torno_protocol::record::{Batch, Turn};
 use torno_protocol::stepping::{BrokenPromise, Stepper};
 use torno_slaves::{Depth, DepthSettings, Spindle, SpindleSettings, Transverse, TransverseSettings};
+
+use crate::text::{Complaint, of_toml};
 
 /// The kinds of boards that there are.
 pub const NAMES: [&str; 4] = ["master", "spindle", "transverse", "depth"];
@@ -53,8 +56,8 @@ pub enum KindError {
         kind: String,
         /// What was expected, and what was found.
         message: String,
-        /// Where in their text, if it is one place.
-        span: Option<Range<usize>>,
+        /// Where in their text.
+        span: Range<usize>,
     },
 }
 
@@ -63,7 +66,7 @@ pub enum KindError {
 /// # Errors
 /// [`KindError`] if there is no such kind, or its settings are wrong.
 pub fn build(kind: &str, settings: &str, clock: Clock) -> Result<Box<dyn Steps>, KindError> {
-    let table = DeTable::parse(settings).map_err(|error| wrong(kind, of_toml(error)))?;
+    let table = DeTable::parse(settings).map_err(|error| wrong(kind, of_toml(&error)))?;
     build_parsed(kind, &Spanned::new(table.span(), DeValue::Table(table.into_inner())), clock)
 }
 
@@ -82,30 +85,43 @@ pub fn build_parsed(kind: &str, settings: &Spanned<DeValue<'_>>, clock: Clock) -
     .map_err(|complaint| wrong(kind, complaint))
 }
 
-/// What is wrong with settings, and where.
-type Complaint = (String, Option<Range<usize>>);
-
-fn read<S: DeserializeOwned>(
+fn read<S: DeserializeOwned + Default + Serialize>(
     settings: &Spanned<DeValue<'_>>,
     check: impl Fn(&S) -> Result<(), String>,
 ) -> Result<S, Complaint> {
-    let read = S::deserialize(ValueDeserializer::from(settings.clone())).map_err(of_toml)?;
+    let read = S::deserialize(ValueDeserializer::from(settings.clone())).map_err(|error| {
+        let (span, message) = of_toml(&error);
+        (span, elsewhere::<S>(&message).unwrap_or(message))
+    })?;
     match check(&read) {
         Ok(()) => Ok(read),
         Err(message) => {
             // A check names the field first.
-            let field = message.split(|c: char| c != '_' && !c.is_ascii_alphanumeric()).next();
-            let span = field.and_then(|field| settings.get_ref().get(field)).map(Spanned::span);
-            Err((message, span))
+            let field = message.split(':').next().unwrap_or_default();
+            let place = field.split('.').try_fold(settings, |table, word| table.get_ref().get(word));
+            let span = place.map_or(settings.span(), Spanned::span);
+            Err((span, message))
         }
     }
 }
 
-fn of_toml(error: toml::de::Error) -> Complaint {
-    (error.message().to_owned(), error.span())
+/// A complaint about a field that is unknown where it stands and known in another table, with the other place.
+fn elsewhere<S: Default + Serialize>(message: &str) -> Option<String> {
+    let name = message.strip_prefix("unknown field `")?.split('`').next()?;
+    let table = Table::try_from(S::default()).ok()?;
+    let place = place_of(&table, name)?;
+    Some(format!("unknown field `{name}`: did you mean '{place}'?"))
 }
 
-fn wrong(kind: &str, (message, span): Complaint) -> KindError {
+fn place_of(table: &Table, name: &str) -> Option<String> {
+    table.iter().find_map(|(table, value)| {
+        let inner = value.as_table()?;
+        let deeper = if inner.contains_key(name) { Some(name.to_owned()) } else { place_of(inner, name) };
+        deeper.map(|deeper| format!("{table}.{deeper}"))
+    })
+}
+
+fn wrong(kind: &str, (span, message): Complaint) -> KindError {
     KindError::Settings { kind: kind.to_owned(), message, span }
 }
 

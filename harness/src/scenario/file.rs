@@ -43,6 +43,8 @@ struct RawScenario {
     #[serde(default = "default_rig")]
     rig: String,
     #[serde(default)]
+    set: Vec<Spanned<String>>,
+    #[serde(default)]
     seed: u64,
     #[serde(default = "yes")]
     held: bool,
@@ -111,7 +113,10 @@ impl Scenario {
         raw.seed = seed.unwrap_or(raw.seed);
         let beside = Path::new(path).parent().map(|folder| folder.join(&raw.rig)).filter(|rig| rig.is_file());
         let rig = beside.map_or_else(|| raw.rig.clone(), |rig| rig.display().to_string());
-        let file = RigFile::load(&rig)?;
+        let mut file = RigFile::load(&rig)?;
+        for set in &raw.set {
+            file = file.set(set.get_ref()).map_err(|message| invalid((set.span(), message)))?;
+        }
         Ok(Self::check(raw, file, rig).map_err(invalid)?)
     }
 

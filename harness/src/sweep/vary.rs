@@ -5,7 +5,7 @@ use std::path::Path;
 use toml::{Table, Value};
 
 use crate::fault::Range;
-use crate::rig::file::RigFile;
+use crate::rig::place;
 use crate::scenario::{Scenario, ScenarioError};
 use crate::text::{self, TextError, nearest};
 
@@ -47,7 +47,7 @@ pub enum SweepError {
 /// A place and its values.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Variation {
-    /// `fault.NAME.FIELD`, `board.NAME.clock_ppm`, `board.NAME.settings.FIELD`, `pc.FIELD`.
+    /// `fault.NAME.FIELD`, or a place in the rig: see [`place::set`].
     pub path: String,
     /// The values, as a file would have them.
     pub values: Vec<String>,
@@ -78,25 +78,23 @@ impl Variation {
     }
 }
 
-/// A scenario's text and its rig's, in which values can be put.
+/// A scenario's text, in which and in whose rig values can be put.
 #[derive(Clone, Debug)]
 pub struct Scene {
     path: String,
     scenario: Table,
-    rig: Table,
 }
 
 impl Scene {
-    /// Reads both.
+    /// Reads it.
     ///
     /// # Errors
     /// [`SweepError`] if the scenario as it stands is none.
     pub fn load(path: &Path) -> Result<Self, SweepError> {
         let name = path.display().to_string();
         let text = text::read(path).map_err(|source| SweepError::Unreadable { path: name.clone(), source })?;
-        let scenario = Scenario::parse(&name, &text, None)?;
-        let table = |text: &str| toml::from_str(text).unwrap_or_default();
-        Ok(Self { path: name, scenario: table(&text), rig: table(&scenario.file.text) })
+        Scenario::parse(&name, &text, None)?;
+        Ok(Self { path: name, scenario: toml::from_str(&text).unwrap_or_default() })
     }
 
     /// The faults' names, in the order of the file.
@@ -123,50 +121,34 @@ impl Scene {
     /// # Errors
     /// [`SweepError`] if there is no such place, or the value does not fit it.
     pub fn with(&self, values: &[(String, String)], seed: u64) -> Result<Scenario, SweepError> {
-        let mut scene = self.clone();
-        for (path, value) in values {
-            let wrong = |message| SweepError::Place { path: path.clone(), message };
-            *scene.place(path).map_err(wrong)? = toml_value(value);
+        let wrong = |path: &str, message| SweepError::Place { path: path.to_owned(), message };
+        let mut table = self.scenario.clone();
+        let (of_faults, of_rig): (Vec<_>, Vec<_>) = values.iter().partition(|(path, _)| path.starts_with("fault."));
+        for (path, value) in of_faults {
+            set_fault(&mut table, path, value).map_err(|message| wrong(path, message))?;
         }
-        let text = toml::to_string(&scene.scenario).unwrap_or_default();
-        let mut scenario = Scenario::parse(&scene.path, &text, Some(seed))?;
-        if values.iter().any(|(path, _)| !path.starts_with("fault.")) {
-            let rig = toml::to_string(&scene.rig).unwrap_or_default();
-            scenario.file =
-                RigFile::parse(&format!("{} as varied", scenario.rig), &rig).map_err(ScenarioError::from)?;
+        let text = toml::to_string(&table).unwrap_or_default();
+        let mut scenario = Scenario::parse(&self.path, &text, Some(seed))?;
+        for (path, value) in of_rig {
+            scenario.file = scenario.file.with(path, value).map_err(|message| wrong(path, message))?;
         }
         Ok(scenario)
     }
+}
 
-    fn place(&mut self, path: &str) -> Result<&mut Value, String> {
-        let mut words = path.split('.');
-        let first = words.next().unwrap_or_default();
-        let known = ["fault", "board", "pc"];
-        if !known.contains(&first) {
-            return Err(format!("there is no '{first}'{}", nearest(first, &known)));
-        }
-        let mut table = if first == "fault" { &mut self.scenario } else { &mut self.rig };
-        if first == "pc" {
-            table = table.entry("pc").or_insert_with(|| Value::Table(Table::new())).as_table_mut().ok_or("no table")?;
-        } else {
-            let name = words.next().unwrap_or_default();
-            let all = table.get_mut(first).and_then(Value::as_array_mut).ok_or(format!("there is no {first}"))?;
-            let label = |table: &Table| if first == "fault" { fault_name(table) } else { text_of(table, "name") };
-            let known: Vec<String> = all.iter().filter_map(Value::as_table).map(label).collect();
-            let found = known.iter().position(|other| other == name).ok_or_else(|| {
-                let known: Vec<&str> = known.iter().map(String::as_str).collect();
-                format!("there is no {first} '{name}'{}", nearest(name, &known))
-            })?;
-            table = all[found].as_table_mut().ok_or("no table")?;
-        }
-        let words: Vec<&str> = words.collect();
-        let (last, tables) = words.split_last().ok_or("expected a field after it")?;
-        for word in tables {
-            let entry = table.entry(*word).or_insert_with(|| Value::Table(Table::new()));
-            table = entry.as_table_mut().ok_or_else(|| format!("'{word}' is not a table"))?;
-        }
-        Ok(table.entry(*last).or_insert(Value::Integer(0)))
-    }
+/// Puts `value` at `fault.NAME.FIELD` of a scenario.
+fn set_fault(scenario: &mut Table, path: &str, value: &str) -> Result<(), String> {
+    let words: Vec<&str> = path.split('.').collect();
+    let ["fault", name, field @ ..] = &words[..] else { return Err("expected fault.NAME.FIELD".to_owned()) };
+    let all = scenario.get_mut("fault").and_then(Value::as_array_mut).ok_or("there is no fault")?;
+    let known: Vec<String> = all.iter().filter_map(Value::as_table).map(fault_name).collect();
+    let found = known.iter().position(|other| other == name).ok_or_else(|| {
+        let known: Vec<&str> = known.iter().map(String::as_str).collect();
+        format!("there is no fault '{name}'{}", nearest(name, &known))
+    })?;
+    let fault = all[found].as_table_mut().ok_or("no table")?;
+    *place::entry(fault, field)? = place::parsed(value);
+    Ok(())
 }
 
 fn text_of(table: &Table, key: &str) -> String {
@@ -179,12 +161,6 @@ fn fault_name(fault: &Table) -> String {
         name if !name.is_empty() => name,
         _ => format!("{}{} {}", text_of(fault, "line"), text_of(fault, "board"), text_of(fault, "kind")),
     }
-}
-
-fn toml_value(text: &str) -> Value {
-    let integer = text.parse().map(Value::Integer).ok();
-    let float = || text.parse().map(Value::Float).ok();
-    integer.or_else(float).unwrap_or_else(|| Value::String(text.to_owned()))
 }
 
 #[cfg(test)]

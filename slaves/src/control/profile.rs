@@ -1,11 +1,14 @@
 //! The set-point generator of the transverse axis: a trapezoid of speed.
 
+use crate::settings::SetPoint;
+
 /// Moves a set point to its target with limited speed and acceleration, in whole counts.
 ///
 /// (Ours: the paper sends a speed and a position and does not say how the one limits the other. A set point that
 /// jumps or changes speed at once makes the axis overshoot by hundreds of counts.)
 #[derive(Clone, Debug)]
 pub(crate) struct Profile {
+    form: SetPoint,
     accel: i64,
     speed_max: i64,
     target: i64,
@@ -17,14 +20,14 @@ pub(crate) struct Profile {
 
 impl Profile {
     /// A set point that rests at 0; `accel` in counts per sample², at least 1.
-    pub(crate) fn new(accel: u32) -> Self {
+    pub(crate) fn new(form: SetPoint, accel: u32) -> Self {
         let accel = i64::from(accel.max(1));
-        Self { accel, speed_max: 0, target: 0, set_point: 0, speed: 0, acceleration: 0 }
+        Self { form, accel, speed_max: 0, target: 0, set_point: 0, speed: 0, acceleration: 0 }
     }
 
     /// Puts set point and target to `count` at once.
     pub(crate) fn rest_at(&mut self, count: i64) {
-        *self = Self { accel: self.accel, speed_max: 0, target: count, set_point: count, speed: 0, acceleration: 0 };
+        *self = Self { target: count, set_point: count, speed_max: 0, speed: 0, acceleration: 0, ..*self };
     }
 
     /// Moves the target by `distance`, at up to `speed` counts per sample.
@@ -58,6 +61,10 @@ impl Profile {
 
     /// One sample.
     pub(crate) fn step(&mut self) {
+        if self.form == SetPoint::Step {
+            self.set_point = self.target;
+            return;
+        }
         let to_go = self.target - self.set_point;
         let mut speed = (self.speed.abs() + self.accel).min(self.speed_max).min(to_go.abs());
         // A few rounds at most: one acceleration slower than before always stops in time.
@@ -96,7 +103,7 @@ mod tests {
 
     #[test]
     fn a_short_move_is_a_triangle() {
-        let mut profile = Profile::new(3);
+        let mut profile = Profile::new(SetPoint::Trapezoid, 3);
         profile.go(-24, 112);
         assert_eq!(steps(&mut profile), [-3, -6, -8, -5, -2, 0]);
         assert_eq!(profile.set_point(), -24);
@@ -104,12 +111,20 @@ mod tests {
 
     #[test]
     fn nine_thousand_counts_at_112_take_118_samples() {
-        let mut profile = Profile::new(3);
+        let mut profile = Profile::new(SetPoint::Trapezoid, 3);
         profile.go(9_000, 112);
         let speeds = steps(&mut profile);
         // 9000/112 samples at full speed and half of two ramps of 112/3.
         assert!((117..=120).contains(&speeds.len()), "{}", speeds.len());
         assert_eq!(speeds.iter().max(), Some(&112));
+    }
+
+    #[test]
+    fn a_step_is_there_at_once() {
+        let mut profile = Profile::new(SetPoint::Step, 3);
+        profile.go(9_000, 1);
+        profile.step();
+        assert_eq!((profile.set_point(), profile.speed(), profile.is_finished()), (9_000, 0, true));
     }
 
     proptest! {
@@ -120,7 +135,7 @@ mod tests {
             accel in 1..=225u32,
             from in -36_000..36_000i64,
         ) {
-            let mut profile = Profile::new(accel);
+            let mut profile = Profile::new(SetPoint::Trapezoid, accel);
             profile.rest_at(from);
             profile.go(distance, speed);
             let mut before = 0;

@@ -1,5 +1,6 @@
 //! An axis: a first-order lag from drive to speed, then an integrator, and a carriage between two end stops.
 
+use torno_protocol::board::Stimulus;
 use torno_protocol::time::Instant;
 
 use crate::plant::shaft::Shaft;
@@ -25,8 +26,10 @@ pub(crate) struct PositionMotor {
 #[derive(Clone, Debug)]
 struct Carriage {
     position: f64,
-    /// It lies up to so far beyond the motor's position, in the positive sense.
+    /// It lies up to so far beyond the motor's position, in the positive sense: what a fault adds included.
     backlash: f64,
+    /// The axis's own backlash.
+    own_backlash: f64,
     /// The ends of travel lie so far from the middle.
     end: f64,
     /// What stops it: the ends of travel, or something before them.
@@ -38,7 +41,7 @@ impl PositionMotor {
     /// A carriage at rest in mid-travel, at 0, that can go as far as `end` either way.
     /// `full` is the speed that full drive tends to.
     pub(crate) const fn new(tau_s: f64, full: f64, end: f64) -> Self {
-        let carriage = Carriage { position: 0.0, backlash: 0.0, end, low: -end, high: end };
+        let carriage = Carriage { position: 0.0, backlash: 0.0, own_backlash: 0.0, end, low: -end, high: end };
         Self { shaft: Shaft::new(tau_s, full), position: 0.0, carriage, at: Instant::START }
     }
 
@@ -62,25 +65,39 @@ impl PositionMotor {
         self.shaft.drive(toward);
     }
 
-    /// The supply from now on, in per mille of nominal: it scales the drive.
-    pub(crate) const fn set_supply(&mut self, per_mille: u16) {
-        self.shaft.set_supply(per_mille);
+    /// With friction, and a push in the negative sense, both in shares of the torque at standstill with full drive at
+    /// nominal supply; with a supply that is a share of nominal.
+    pub(crate) fn with_load(self, friction: f64, push: f64, supply: f64) -> Self {
+        Self { shaft: self.shaft.with_load(friction, push).with_supply(supply), ..self }
     }
 
-    /// A load that opposes motion from now on, in per mille of the torque at standstill with full drive.
-    pub(crate) fn set_load(&mut self, per_mille: i32) {
-        self.shaft.set_load(per_mille);
-    }
-
-    /// Dead travel between motor and carriage from now on. A gap that closes moves the carriage.
-    pub(crate) fn set_backlash(&mut self, way: f64) {
+    /// With dead travel between motor and carriage.
+    pub(crate) const fn with_backlash(mut self, way: f64) -> Self {
+        self.carriage.own_backlash = way;
         self.carriage.backlash = way;
+        self
+    }
+
+    /// Something happens to motor or axis; `way` is what so many counts are in units of position.
+    pub(crate) fn disturb(&mut self, stimulus: &Stimulus, way: impl Fn(i32) -> f64) {
+        match stimulus {
+            Stimulus::Load(per_mille) => self.shaft.set_load(*per_mille),
+            Stimulus::Supply(per_mille) => self.shaft.set_supply(*per_mille),
+            Stimulus::Backlash(counts) => self.set_backlash(way(i32::from(*counts))),
+            Stimulus::EndStop(counts) => self.set_stop(way(*counts)),
+            _ => {}
+        }
+    }
+
+    /// So much dead travel from now on beyond the axis's own. A gap that closes moves the carriage.
+    fn set_backlash(&mut self, way: f64) {
+        self.carriage.backlash = self.carriage.own_backlash + way;
         self.position = self.carriage.follow(self.position);
     }
 
     /// Something hard stops the carriage at `place` from now on, on that side of mid-travel; if it is beyond that,
     /// where it stands. 0: nothing but the ends of travel does.
-    pub(crate) fn set_stop(&mut self, place: f64) {
+    fn set_stop(&mut self, place: f64) {
         let Carriage { position, end, low, high, .. } = &mut self.carriage;
         if place > 0.0 {
             *high = place.min(*end).max(*position);
@@ -112,9 +129,9 @@ impl PositionMotor {
         i64::from(position >= end) - i64::from(position <= -end)
     }
 
-    /// Where the motor comes to rest if it is not driven and nothing stops it.
+    /// Where the motor comes to rest if it is not driven.
     pub(crate) fn coast_end(&self) -> f64 {
-        self.position + self.shaft.coast()
+        self.carriage.limited(self.position + self.shaft.coast())
     }
 
     /// Where the carriage comes to rest then.
@@ -129,9 +146,14 @@ impl Carriage {
         self.position.max(motor).min(motor + self.backlash)
     }
 
+    /// Where it lets the motor go that would go to `motor`.
+    fn limited(&self, motor: f64) -> f64 {
+        motor.min(self.high).max(self.low - self.backlash)
+    }
+
     /// Goes with the motor to `motor`, or as far as it can; gives where the motor is then.
     fn follow(&mut self, motor: f64) -> f64 {
-        let motor = motor.min(self.high).max(self.low - self.backlash);
+        let motor = self.limited(motor);
         self.position = self.pushed(motor);
         motor
     }
@@ -241,7 +263,7 @@ mod tests {
         let motor = |ms: u64| {
             let mut motor = PositionMotor::new(0.4, 20.0, 1e6);
             motor.set_backlash(0.3);
-            motor.set_load(50);
+            motor.shaft.set_load(50);
             for (second, drive) in (1..).zip([3.0, -6.0, 5.0, -2.0, 0.0, 0.0]) {
                 motor.drive(drive);
                 while motor.at < self::ms(second * 1_000) {
@@ -291,7 +313,7 @@ mod tests {
     #[test]
     fn half_the_supply_is_half_the_way() {
         let mut motors = [(); 2].map(|()| PositionMotor::new(0.1, 20.0, 1e6));
-        motors[1].set_supply(500);
+        motors[1].shaft.set_supply(500);
         let [full, half] = motors.map(|mut motor| driven(&mut motor, &[7.0])[0].0);
         assert!((full - 2.0 * half).abs() < 1e-12);
     }

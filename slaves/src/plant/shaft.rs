@@ -7,27 +7,71 @@ use crate::plant::lag::Lag;
 /// Per mille of the whole.
 const WHOLE: f64 = 1_000.0;
 
-/// τ·dv/dt = s·u − L·sgn v − v, solved exactly for a drive u, a supply s and a load L that are held.
+/// τ·dv/dt = s·u − p − L·sgn v − v, solved exactly for a drive u, a supply s, a push p and a load L that are held.
 ///
 /// The load is Coulomb's: it opposes motion in either sense, and holds a shaft at standstill whose drive is no stronger
-/// than it. It is constant; static friction is no larger than sliding friction. (Ours.)
+/// than it. It is constant; static friction is no larger than sliding friction. The push is a torque in the negative
+/// sense, whatever the motion. (Ours.)
 #[derive(Clone, Debug)]
 pub(super) struct Shaft {
     lag: Lag,
     /// The speed that full drive at nominal supply tends to without a load.
     full: f64,
     drive: f64,
-    /// Per mille of nominal.
-    supply: u16,
-    /// Per mille of the torque at standstill with full drive at nominal supply.
-    load: u32,
+    supply: Supply,
+    load: Load,
     blocked: bool,
+}
+
+/// A share of nominal that the rig has, and a share of that in per mille, which a fault leaves.
+#[derive(Clone, Copy, Debug)]
+struct Supply {
+    own: f64,
+    left: u16,
+}
+
+impl Supply {
+    fn share(self) -> f64 {
+        self.own * (f64::from(self.left) / WHOLE)
+    }
+}
+
+/// In shares of the torque at standstill with full drive at nominal supply.
+#[derive(Clone, Copy, Debug)]
+struct Load {
+    /// The motor's own, Coulomb's.
+    friction: f64,
+    /// A fault's, of the same kind, in per mille.
+    added: u32,
+    /// In the negative sense.
+    push: f64,
+}
+
+impl Load {
+    fn opposing(self) -> f64 {
+        self.friction + f64::from(self.added) / WHOLE
+    }
 }
 
 impl Shaft {
     /// At rest, without a load. `tau_s` in s.
     pub(super) const fn new(tau_s: f64, full: f64) -> Self {
-        Self { lag: Lag::new(tau_s), full, drive: 0.0, supply: 1_000, load: 0, blocked: false }
+        let (supply, load) = (Supply { own: 1.0, left: 1_000 }, Load { friction: 0.0, added: 0, push: 0.0 });
+        Self { lag: Lag::new(tau_s), full, drive: 0.0, supply, load, blocked: false }
+    }
+
+    /// The motor's friction and a push in the negative sense, both in shares of the torque at standstill with full
+    /// drive at nominal supply.
+    pub(super) const fn with_load(mut self, friction: f64, push: f64) -> Self {
+        self.load.friction = friction;
+        self.load.push = push;
+        self
+    }
+
+    /// The supply, as a share of nominal.
+    pub(super) const fn with_supply(mut self, share: f64) -> Self {
+        self.supply.own = share;
+        self
     }
 
     /// The speed that the drive tends to from now on at nominal supply without a load.
@@ -35,14 +79,14 @@ impl Shaft {
         self.drive = drive;
     }
 
-    /// The supply from now on, in per mille of nominal.
+    /// What is left of the supply from now on, in per mille.
     pub(super) const fn set_supply(&mut self, per_mille: u16) {
-        self.supply = per_mille;
+        self.supply.left = per_mille;
     }
 
-    /// The load from now on, in per mille of the torque at standstill with full drive; none below 0.
+    /// A load beyond friction from now on, in per mille of the torque at standstill with full drive; none below 0.
     pub(super) fn set_load(&mut self, per_mille: i32) {
-        self.load = u32::try_from(per_mille).unwrap_or(0);
+        self.load.added = u32::try_from(per_mille).unwrap_or(0);
     }
 
     /// Blocks the shaft, which stops dead, or frees it.
@@ -59,7 +103,7 @@ impl Shaft {
 
     /// The drive cannot turn the shaft, however strong it gets.
     pub(super) fn is_overloaded(&self) -> bool {
-        self.load >= u32::from(self.supply)
+        self.load.opposing() >= self.supply.share()
     }
 
     #[cfg(test)]
@@ -74,8 +118,9 @@ impl Shaft {
             return;
         }
         let lag = &mut self.lag;
-        let toward = self.drive * (f64::from(self.supply) / WHOLE);
-        if self.load == 0 {
+        let toward = self.drive * self.supply.share() - self.full * self.load.push;
+        let load = self.full * self.load.opposing();
+        if load == 0.0 {
             let mut rest = dt;
             if let Some(turning) = lag.turning(toward).filter(|turning| *turning < dt) {
                 let way = lag.step(turning, toward);
@@ -85,7 +130,6 @@ impl Shaft {
             let way = lag.step(rest, toward);
             return travel(lag, way);
         }
-        let load = self.full * (f64::from(self.load) / WHOLE);
         let mut left_s = dt.as_secs_f64();
         loop {
             let sense = if lag.rate() != 0.0 { lag.rate().signum() } else { toward.signum() };
@@ -107,14 +151,18 @@ impl Shaft {
         }
     }
 
-    /// What the shaft still covers if it is not driven from now on.
+    /// What the shaft still covers if it is not driven from now on; infinite if the push turns it on and on.
     pub(super) fn coast(&self) -> f64 {
         let mut lag = self.lag.clone();
-        if self.load == 0 {
+        let (push, load) = (-self.full * self.load.push, self.full * self.load.opposing());
+        if self.blocked || (push == 0.0 && load == 0.0) {
             return lag.coast();
         }
-        let against = -lag.rate().signum() * self.full * (f64::from(self.load) / WHOLE);
-        lag.standstill_s(against).map_or(0.0, |standstill_s| lag.come_to_rest(standstill_s, against))
+        if push.abs() > load {
+            return push.signum() * f64::INFINITY;
+        }
+        let target = push - lag.rate().signum() * load;
+        lag.standstill_s(target).map_or(0.0, |standstill_s| lag.come_to_rest(standstill_s, target))
     }
 }
 
@@ -201,5 +249,33 @@ mod tests {
         };
         let found = [(0, 1_000), (999, 1_000), (1_000, 1_000), (0, 0), (300, 200)].map(|(l, s)| overloaded(l, s));
         assert_eq!(found, [false, false, true, true, true]);
+    }
+
+    #[test]
+    fn a_push_moves_it_unless_friction_holds_it() {
+        let passed_by = |friction: f64, push: f64| {
+            let mut shaft = Shaft::new(0.5, 4.0).with_load(friction, push);
+            let coast = shaft.coast();
+            (passed(&mut shaft, 100.0), shaft.rate(), coast)
+        };
+        assert_eq!(passed_by(0.1, 0.1), (0.0, 0.0, 0.0));
+        let (_, rate, coast) = passed_by(0.1, 0.2);
+        assert!((rate + 0.4).abs() < 1e-9 && coast == f64::NEG_INFINITY, "{rate} {coast}");
+        let (_, rate, coast) = passed_by(0.0, -0.2);
+        assert!((rate - 0.8).abs() < 1e-9 && coast == f64::INFINITY, "{rate} {coast}");
+        // Against the sense of motion it helps friction, in that sense it does not.
+        let stops = |drive: f64| {
+            let mut shaft = Shaft::new(0.5, 4.0);
+            shaft.drive(drive);
+            passed(&mut shaft, 30.0);
+            shaft.with_load(0.2, 0.1)
+        };
+        for (drive, against) in [(2.0, 1.2), (-2.0, 0.4)] {
+            let mut shaft = stops(drive);
+            shaft.drive(0.0);
+            let (coast, expected) = (shaft.coast(), integrated(drive, 0.5, 0.0, against, 20.0).0);
+            assert!((coast - expected).abs() < 1e-6, "{coast} {expected}");
+            assert!((passed(&mut shaft, 30.0) - coast).abs() < 1e-9);
+        }
     }
 }

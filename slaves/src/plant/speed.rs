@@ -23,6 +23,11 @@ impl SpeedMotor {
         Self { shaft, km_rad_per_s_volt, angle_rev: 0.0, at: Instant::START }
     }
 
+    /// With a load that opposes motion, as a share of the torque at standstill with full drive.
+    pub(crate) fn with_load(self, share: f64) -> Self {
+        Self { shaft: self.shaft.with_load(share, 0.0), ..self }
+    }
+
     /// Lets the time up to `now` pass with the drive as it is.
     pub(crate) fn advance(&mut self, now: Instant) {
         let dt = now.since(self.at);
@@ -30,9 +35,9 @@ impl SpeedMotor {
         self.shaft.advance(dt, |_, way| self.angle_rev += way);
     }
 
-    /// The mean voltage from now on, at nominal supply.
+    /// The mean voltage from now on, at nominal supply: none below 0, the transistor does not brake.
     pub(crate) fn drive(&mut self, volts: f64) {
-        self.shaft.drive(self.km_rad_per_s_volt * volts / TAU);
+        self.shaft.drive(self.km_rad_per_s_volt * volts.max(0.0) / TAU);
     }
 
     /// The supply from now on, in per mille of nominal: it scales the voltage.
@@ -40,7 +45,7 @@ impl SpeedMotor {
         self.shaft.set_supply(per_mille);
     }
 
-    /// A load that opposes motion from now on, in per mille of the torque at standstill with full drive.
+    /// A further load that opposes motion from now on, in per mille of the torque at standstill with full drive.
     pub(crate) fn set_load(&mut self, per_mille: i32) {
         self.shaft.set_load(per_mille);
     }

@@ -3,6 +3,8 @@
 #![allow(dead_code, reason = "each test file uses a part of it")]
 #![allow(clippy::unwrap_used, reason = "part of tests")]
 
+pub(crate) mod response;
+
 use torno_protocol::board::{Board, Input, Output, Stimulus, event_text};
 use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{ACK, CAN, CHARACTER, ENQ, Parity, RATE};

@@ -1,0 +1,65 @@
+//! A place in a rig file, as a command line names it, and a value for it.
+
+use toml::{Table, Value};
+
+use crate::text::nearest;
+
+/// What belongs to a board itself, and not to its settings.
+const OF_A_BOARD: [&str; 1] = ["clock_ppm"];
+
+/// Puts `value` at `place` of a rig file's table: `pc.FIELD`, `BOARD.clock_ppm` or `BOARD.TABLE.FIELD`, which is short
+/// for `board.BOARD.settings.TABLE.FIELD`.
+///
+/// # Errors
+/// There is no such board, with the nearest that there is; or the place is none. Whether there is such a field, and
+/// whether the value fits it, the rig's own check tells.
+pub fn set(rig: &mut Table, place: &str, value: &str) -> Result<(), String> {
+    let words: Vec<&str> = place.split('.').collect();
+    let (table, words) = match &words[..] {
+        ["pc", rest @ ..] => (rig.get_mut("pc").and_then(Value::as_table_mut).ok_or("there is no pc")?, rest.to_vec()),
+        ["board", name, rest @ ..] | [name, rest @ ..] => {
+            let table = board(rig, name)?;
+            let own = matches!(rest, [field] if OF_A_BOARD.iter().any(|own| is_near(field, own)));
+            let settings = if own || rest.is_empty() || rest[0] == "settings" { None } else { Some("settings") };
+            (table, settings.into_iter().chain(rest.iter().copied()).collect())
+        }
+        [] => return Err("expected a place".to_owned()),
+    };
+    *entry(table, &words)? = parsed(value);
+    Ok(())
+}
+
+fn is_near(field: &str, own: &str) -> bool {
+    nearest(field, &[own]).contains("did you mean")
+}
+
+/// The place in `table` that the words lead to; what is not there yet comes to be.
+///
+/// # Errors
+/// There are no words, or one leads through what is no table.
+pub fn entry<'a>(table: &'a mut Table, words: &[&str]) -> Result<&'a mut Value, String> {
+    let (last, tables) = words.split_last().ok_or("expected a field after it")?;
+    let inner = tables.iter().try_fold(table, |table, word| {
+        let entry = table.entry(*word).or_insert_with(|| Value::Table(Table::new()));
+        entry.as_table_mut().ok_or_else(|| format!("'{word}' is not a table"))
+    })?;
+    Ok(inner.entry(*last).or_insert(Value::Integer(0)))
+}
+
+fn board<'a>(rig: &'a mut Table, name: &str) -> Result<&'a mut Table, String> {
+    let boards = rig.get_mut("board").and_then(Value::as_array_mut).ok_or("there is no board")?;
+    let label = |board: &Value| board.get("name").and_then(Value::as_str).unwrap_or_default().to_owned();
+    let known: Vec<String> = boards.iter().map(label).collect();
+    let Some(found) = known.iter().position(|other| other == name) else {
+        let known: Vec<&str> = known.iter().map(String::as_str).chain(["pc", "board"]).collect();
+        return Err(format!("there is no board '{name}'{}", nearest(name, &known)));
+    };
+    boards[found].as_table_mut().ok_or_else(|| "a board is no table".to_owned())
+}
+
+/// A value as a file would have it: a number, or else text.
+pub fn parsed(text: &str) -> Value {
+    let integer = text.parse().map(Value::Integer).ok();
+    let float = || text.parse().map(Value::Float).ok();
+    integer.or_else(float).unwrap_or_else(|| Value::String(text.to_owned()))
+}
