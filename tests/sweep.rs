@@ -11,6 +11,8 @@ use common::{folder, output};
 const NOISE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/sweeps/line-noise.toml");
 const CLOCK: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/sweeps/clock-margin.toml");
 
+const DEMONSTRATION: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/sweeps/demonstration.toml");
+
 fn text(arguments: &[&str]) -> String {
     let output = output(arguments);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
@@ -28,6 +30,19 @@ fn the_table_has_a_row_for_each_combination_and_counts_every_seed() {
     assert_eq!(cells, expected);
     // A clock that is 9 % slow never works, and the PC is told.
     assert!([1, 3].iter().all(|row| rows[*row][3..] == ["0", "5", "0"]), "{csv}");
+}
+
+#[test]
+fn the_demonstration_can_be_swept() {
+    let frames = |text: &str| -> Vec<String> {
+        let lines = text.lines().map(|line| line.split('#').next().unwrap().trim().trim_matches([',', '"']));
+        lines.filter(|line| line.len() == 23).map(str::to_owned).collect()
+    };
+    let program = include_str!("../harness/builtin/shaft.frames");
+    assert_eq!(frames(&fs::read_to_string(DEMONSTRATION).unwrap()), frames(program), "it is the same program");
+    assert_eq!(frames(program).len(), 30);
+    let csv = text(&["sweep", DEMONSTRATION, "--seeds", "4", "--csv"]);
+    assert_eq!(csv.lines().collect::<Vec<_>>(), ["runs,passed,told,untold", "4,4,0,0"]);
 }
 
 #[test]

@@ -23,6 +23,9 @@ const RUN_ON_MAX: Span = Span::from_millis(25);
 /// A checkpoint is taken after so many things handled.
 const CHECKPOINT_EVERY: u32 = 24;
 
+/// So many outputs are made room for at once: about as many as a busy slave has in [`RUN_AHEAD`].
+const OUTPUTS: usize = 128;
+
 /// A board with the receivers of its ports: everything that must be put back to run it again from an earlier instant.
 #[derive(Clone, Debug)]
 pub struct Cell<B> {
@@ -125,16 +128,28 @@ impl<B: Board> Cell<B> {
     }
 
     fn next(&self) -> Option<(Instant, Next)> {
-        let stimulus = self.stimuli.front().map(|(at, _)| (*at, Next::Stimulus));
-        let fetch = self.fetches().then(|| (self.ready(), Next::Fetch));
-        let characters = self.receivers.iter().enumerate();
-        let characters = characters.filter_map(|(port, r)| r.poll_timeout().map(|at| (at, Next::Character(port))));
-        let deadline = self.board.poll_timeout().filter(|_| self.runs());
-        // A deadline that passed while the firmware was hung or busy is due as soon as it is not.
-        let deadline = deadline.map(|deadline| (deadline.at.max(self.ready()), Next::Deadline));
+        let mut next = self.stimuli.front().map(|(at, _)| (*at, Next::Stimulus));
         // The least; among equals the first, which is the order that `board` prescribes.
-        let next = stimulus.into_iter().chain(fetch).chain(characters).chain(deadline);
-        next.reduce(|a, b| if b.0 < a.0 { b } else { a })
+        let mut consider = |at: Instant, what: Next| {
+            if next.is_none_or(|(first, _)| at < first) {
+                next = Some((at, what));
+            }
+        };
+        if self.fetches() {
+            consider(self.ready(), Next::Fetch);
+        }
+        for (port, receiver) in self.receivers.iter().enumerate() {
+            if let Some(at) = receiver.poll_timeout() {
+                consider(at, Next::Character(port));
+            }
+        }
+        if self.runs()
+            && let Some(deadline) = self.board.poll_timeout()
+        {
+            // One that passed while the firmware was hung or busy is due as soon as it is not.
+            consider(deadline.at.max(self.ready()), Next::Deadline);
+        }
+        next
     }
 
     /// The firmware runs, if only slowly.
@@ -339,10 +354,24 @@ enum Next {
 #[derive(Debug)]
 pub struct Stepper<B> {
     head: Cell<B>,
-    /// Earlier states, oldest first. Each has heard everything that `head` has heard.
-    checkpoints: Vec<Cell<B>>,
+    /// Earlier states, oldest first.
+    checkpoints: Vec<Checkpoint<B>>,
     /// Everything before this instant has been run and told.
     horizon: Instant,
+}
+
+/// An earlier state. Most are never gone back to, so it hears what has come since only if it is.
+#[derive(Debug)]
+struct Checkpoint<B> {
+    cell: Cell<B>,
+    /// What the head has heard between this checkpoint and the next.
+    since: Vec<Heard>,
+}
+
+impl<B: Clone> Checkpoint<B> {
+    fn of(head: &Cell<B>) -> Self {
+        Self { cell: head.clone(), since: Vec::new() }
+    }
 }
 
 /// A board put something on a port although it had been promised that nothing would come: a defect of the board.
@@ -357,7 +386,7 @@ impl<B: Board> Stepper<B> {
     /// A stepper for `board`, as at power-on.
     pub fn new(board: B) -> Self {
         let head = Cell::new(board);
-        Self { checkpoints: vec![head.clone()], head, horizon: Instant::START }
+        Self { checkpoints: vec![Checkpoint::of(&head)], head, horizon: Instant::START }
     }
 
     /// The board, run ahead.
@@ -375,12 +404,15 @@ impl<B: Board> Stepper<B> {
         if let Some(effect) = effect.filter(|effect| *effect <= self.head.handled) {
             self.roll_back(effect);
         }
-        let mut batch = Batch { from: self.horizon.min(effect.unwrap_or(Instant::NEVER)), ..Batch::default() };
+        let from = self.horizon.min(effect.unwrap_or(Instant::NEVER));
+        let mut batch = Batch { from, outputs: Vec::with_capacity(OUTPUTS), ..Batch::default() };
         batch.silences.extend(self.head.silence);
         self.catch_up(effect.unwrap_or(turn.until), &mut batch)?;
         for heard in &turn.heard {
             self.head.hear(heard);
-            self.checkpoints.iter_mut().for_each(|checkpoint| checkpoint.hear(heard));
+        }
+        if let Some(last) = self.checkpoints.last_mut() {
+            last.since.extend_from_slice(&turn.heard);
         }
         self.run_ahead(turn.until, effect, &mut batch);
         batch.horizon = self.horizon;
@@ -391,16 +423,19 @@ impl<B: Board> Stepper<B> {
 
     /// Drops the checkpoints that no input can make necessary any more: none will matter before `commit`.
     fn forget_before(&mut self, commit: Instant) {
-        let usable = self.checkpoints.partition_point(|checkpoint| checkpoint.handled < commit);
+        let usable = self.checkpoints.partition_point(|checkpoint| checkpoint.cell.handled < commit);
         self.checkpoints.drain(..usable.saturating_sub(1));
     }
 
     /// Goes back to a state in which nothing at or after `effect` has been handled. What lies before has been told.
     fn roll_back(&mut self, effect: Instant) {
-        let usable = self.checkpoints.partition_point(|checkpoint| checkpoint.handled < effect).max(1);
+        let usable = self.checkpoints.partition_point(|checkpoint| checkpoint.cell.handled < effect).max(1);
+        let since: Vec<Heard> =
+            self.checkpoints[usable - 1..].iter_mut().flat_map(|checkpoint| checkpoint.since.drain(..)).collect();
         self.checkpoints.truncate(usable);
-        if let Some(checkpoint) = self.checkpoints.last() {
-            self.head = checkpoint.clone();
+        if let Some(Checkpoint { cell, .. }) = self.checkpoints.last_mut() {
+            since.iter().for_each(|heard| cell.hear(heard));
+            self.head = cell.clone();
         }
         self.head.run(effect, |_, _| {});
     }
@@ -428,7 +463,7 @@ impl<B: Board> Stepper<B> {
         let mut run_on = Instant::NEVER;
         let mut run_on_max = Instant::NEVER;
         let mut since_checkpoint = 0;
-        self.checkpoints.push(self.head.clone());
+        self.checkpoints.push(Checkpoint::of(&self.head));
         loop {
             let Some((at, next)) = self.head.next() else {
                 self.horizon = Instant::NEVER;
@@ -440,7 +475,7 @@ impl<B: Board> Stepper<B> {
             }
             if since_checkpoint == CHECKPOINT_EVERY {
                 since_checkpoint = 0;
-                self.checkpoints.push(self.head.clone());
+                self.checkpoints.push(Checkpoint::of(&self.head));
             }
             since_checkpoint += 1;
             self.tell(at, next, batch, |output| {

@@ -12,13 +12,14 @@ mod lockstep;
 mod masters;
 
 use std::fs;
+use std::io::{Read, Write};
 use std::path::Path;
 use std::thread;
 use std::time::{Duration, Instant};
 
 use common::{ACK, AT_REST, LONG, Up, XON, folder, json, rig_of, torno};
 use serde_json::Value;
-use serialport::{FlowControl, SerialPort};
+use serialport::{FlowControl, SerialPort, TTYPort};
 
 /// Eight characters in, four out on the longest link, one reply: 13 at 9600 baud.
 const WIRE_MS: f64 = 13.0 * 10.0 / 9.6;
@@ -49,6 +50,7 @@ fn main() {
     curve(effort.runs.div_ceil(3));
     println!();
     row("figure", "wanted", "found");
+    sweep(effort.runs);
     readiness(effort.runs);
     let up = Up::start(&[]);
     load(&up, &effort);
@@ -129,6 +131,22 @@ fn run(arguments: &[&str]) -> (f64, Value) {
     let summary = json(&output);
     assert_eq!(summary["outcome"], "completed", "{summary}");
     (wall, summary)
+}
+
+/// Whole runs of the demonstration, as a sweep does them: on all processors, without a recording.
+fn sweep(n: usize) {
+    let scenario = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/sweeps/demonstration.toml");
+    let rate = || {
+        let start = Instant::now();
+        let output = torno(&["sweep", scenario, "--seeds", "200", "--json"]).output().unwrap();
+        let wall = start.elapsed().as_secs_f64();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        output.stdout.split(|byte| *byte == b'\n').filter(|line| !line.is_empty()).count() as f64 / wall
+    };
+    let (min, median, max) = spread(std::iter::repeat_with(rate).take(n).collect());
+    let cores = thread::available_parallelism().map_or(1, usize::from);
+    let found = format!("{median:.0} a second ({min:.0} to {max:.0}, {n} sweeps of 200, {cores} cores)");
+    row("sweep, runs of the demonstration", "500 a second", &found);
 }
 
 /// What a master with three slaves adds to a rig: wall time per virtual second from when all boards stand, and turns of
@@ -242,19 +260,31 @@ fn memory(up: &Up) {
     row("up, resident, five processes", "60 MB", &format!("{resident:.1} MB, {own:.1} MB with shared pages once"));
 }
 
+/// How late an `ACK` comes; and, as often and in between, how late a bare timer and a byte through a pty are. No rig
+/// can do better than that: on a busy machine both wait for a processor.
 fn latency(frames: usize) {
     let up = Up::start(&[]);
     let mut pc = up.pc();
-    let mut late = Vec::new();
+    let (mut late, mut bare) = (Vec::new(), Vec::new());
+    let (mut near, mut far) = TTYPort::pair().unwrap();
+    far.set_timeout(Duration::from_secs(10)).unwrap();
     for _ in 0..frames {
         let start = Instant::now();
         pc.write(&AT_REST);
         pc.expect(&[ACK]);
         late.push(ms(start.elapsed()) - WIRE_MS);
         pc.expect(&[XON]);
+        let start = Instant::now();
+        thread::sleep(Duration::from_secs_f64(WIRE_MS / 1e3));
+        near.write_all(&[ACK]).unwrap();
+        far.read_exact(&mut [0]).unwrap();
+        bare.push(ms(start.elapsed()) - WIRE_MS);
     }
-    late.sort_by(f64::total_cmp);
-    let at = |share: f64| late[((late.len() - 1) as f64 * share).round() as usize];
-    let found = format!("{:.2} ms (median {:.2}, max {:.2}, {frames} frames)", at(0.99), at(0.5), at(1.0));
-    row("up, ACK later than the wire, p99", "3 ms", &found);
+    let found = |mut values: Vec<f64>| {
+        values.sort_by(f64::total_cmp);
+        let at = |share: f64| values[((values.len() - 1) as f64 * share).round() as usize];
+        format!("{:.2} ms (median {:.2}, max {:.2}, {frames} frames)", at(0.99), at(0.5), at(1.0))
+    };
+    row("up, ACK later than the wire, p99", "3 ms", &found(late));
+    row("a timer and a pty alone, p99", "", &found(bare));
 }

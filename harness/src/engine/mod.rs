@@ -13,17 +13,25 @@
 //!
 //! The two are iterated from infinity; every line adds a lookahead above zero, so there is always progress. Bounds are
 //! exclusive.
+//!
+//! What an idle board or line costs is nothing: the engine keeps lists of what has changed, what is disturbed, what can
+//! be settled and who needs a turn, and looks at these only.
 
+mod bounds;
 mod node;
+mod places;
 mod wire;
+
+use std::collections::BTreeSet;
 
 use torno_protocol::board::{Output, Stimulus};
 use torno_protocol::line::Edge;
 use torno_protocol::record::{Batch, Heard, Silence, Timed, Turn};
 use torno_protocol::time::{Instant, Span};
-use torno_protocol::uart::Ear;
 
+use bounds::{Agenda, Reach};
 use node::Node;
+use places::Places;
 use wire::{Passed, Wire};
 
 pub use node::Life;
@@ -195,11 +203,31 @@ pub struct Statistics {
 pub struct Engine {
     nodes: Vec<Node>,
     lines: Vec<Wire>,
+    /// What each line adds to its receiver's `EIT`.
+    reaches: Vec<Reach>,
+    /// Boards that have changed since [`Engine::bound`] last looked.
+    changed: Vec<NodeId>,
+    agenda: Agenda,
+    /// Lines that are disturbed.
+    disturbed: Places,
+    /// Boards of which not all may have been settled that is safe.
+    unsettled: Places,
+    /// Lines of which not all may have been reported that their receivers have been told.
+    unsure: Places,
+    /// Boards that need a turn if time is to go past an instant.
+    needs: BTreeSet<(Instant, NodeId)>,
+    /// How many boards are yet to answer.
+    waiting: usize,
+    frontier: Instant,
     watches: Vec<(WatchId, Watch)>,
     hits: Vec<Hit>,
+    fired: Vec<FaultId>,
     /// Faults and watches so far.
     issued: u32,
     facts: Vec<Fact>,
+    /// How often a line's part in a bound has been computed.
+    #[cfg(test)]
+    computed: u64,
 }
 
 impl Engine {
@@ -210,16 +238,20 @@ impl Engine {
 
     /// Adds a board with so many ports.
     pub fn add_node(&mut self, ports: usize) -> NodeId {
+        let id = self.nodes.len();
         self.nodes.push(Node::new(ports));
-        self.nodes.len() - 1
+        self.note_change(id);
+        id
     }
 
     /// Adds a line from one board's port to another's. A port sends to one line at the most.
     pub fn add_line(&mut self, from: End, to: End) -> LineId {
         let line = self.lines.len();
         self.lines.push(Wire::new(from, to));
+        self.reaches.push(Reach::NONE);
         self.nodes[from.node].sends_to[usize::from(from.port)] = Some(line);
         self.nodes[to.node].hears.push((usize::from(to.port), line));
+        self.agenda.look_at(line);
         line
     }
 
@@ -237,7 +269,9 @@ impl Engine {
     }
 
     fn disturb_one(&mut self, line: LineId, fault: FaultId, now: Instant, at: Instant, what: &Disturbance) {
-        if let Some(passed) = self.lines[line].disturb(fault, now, at, what) {
+        let passed = self.lines[line].disturb(fault, now, at, what);
+        self.disturbed.insert(line);
+        if let Some(passed) = passed {
             self.tell(line, passed);
         }
     }
@@ -251,7 +285,7 @@ impl Engine {
 
     /// Faults that lay in wait for a character and have met it, since the last call.
     pub fn take_fired(&mut self) -> Vec<FaultId> {
-        self.lines.iter_mut().flat_map(Wire::take_fired).collect()
+        core::mem::take(&mut self.fired)
     }
 
     /// Watches what a board tells. Until the watch is [removed](Self::unwatch), nothing is settled that lies
@@ -259,21 +293,21 @@ impl Engine {
     pub fn watch(&mut self, watch: Watch) -> WatchId {
         let id = WatchId(self.issue());
         self.watches.push((id, watch));
-        self.note_watches();
+        self.note_watched(watch.node);
         id
     }
 
     /// Ends a watch.
     pub fn unwatch(&mut self, id: WatchId) {
-        self.watches.retain(|(other, _)| *other != id);
+        let Some(place) = self.watches.iter().position(|(other, _)| *other == id) else { return };
+        let (_, watch) = self.watches.remove(place);
         self.hits.retain(|hit| hit.watch != id);
-        self.note_watches();
+        self.note_watched(watch.node);
     }
 
-    fn note_watches(&mut self) {
-        for (id, node) in self.nodes.iter_mut().enumerate() {
-            node.watched = self.watches.iter().any(|(_, watch)| watch.node == id);
-        }
+    fn note_watched(&mut self, node: NodeId) {
+        self.nodes[node].watched = self.watches.iter().any(|(_, watch)| watch.node == node);
+        self.note_change(node);
     }
 
     /// What watches have seen since the last call, in the order of its instants.
@@ -296,14 +330,15 @@ impl Engine {
     }
 
     /// The least instant that nothing settled depends on: what comes from outside can be dated from here on.
-    pub fn frontier(&self) -> Instant {
-        let commits = self.nodes.iter().map(|node| node.commit);
-        commits.chain(self.lines.iter().map(Wire::settled)).max().unwrap_or_default()
+    pub const fn frontier(&self) -> Instant {
+        self.frontier
     }
 
     /// What has been settled since the last call, each line's and each board's facts in order.
     pub fn take_facts(&mut self) -> Vec<Fact> {
-        core::mem::take(&mut self.facts)
+        // There will be about as many the next time.
+        let room = Vec::with_capacity(self.facts.len());
+        core::mem::replace(&mut self.facts, room)
     }
 
     /// What a board has cost.
@@ -316,10 +351,16 @@ impl Engine {
     pub fn poll(&mut self, limit: Limit) -> Vec<(NodeId, Turn)> {
         let until = loop {
             self.bound();
-            let until = self.held_at(limit);
+            let until = self.held_at(limit).min(self.reaction());
             let mut moved = self.pass(until);
-            for id in 0..self.nodes.len() {
-                moved |= self.settle(id, self.nodes[id].safe_until().min(until));
+            let mut next = 0;
+            while let Some(id) = self.unsettled.first_from(next) {
+                next = id + 1;
+                let safe = self.nodes[id].safe_until();
+                moved |= self.settle(id, safe.min(until));
+                if safe <= until {
+                    self.unsettled.remove(id);
+                }
             }
             if !moved {
                 break until;
@@ -341,6 +382,7 @@ impl Engine {
             Some(Timed { at, .. }) if *at < commit => Err(LateOutput { node, at: *at, commit }),
             _ => {
                 self.nodes[node].answer(batch);
+                self.note_change(node);
                 Ok(())
             }
         }
@@ -349,14 +391,47 @@ impl Engine {
     /// Turns that bring every board to `until`, mute or not. For the start, and for when the rig is
     /// [quiet](Self::is_quiet).
     pub fn catch_up(&mut self, until: Instant) -> Vec<(NodeId, Turn)> {
-        let nodes = self.nodes.iter_mut().enumerate();
-        let behind = nodes.filter(|(_, node)| node.life == Life::Runs && !node.awaited && node.horizon < until);
-        behind.map(|(id, node)| (id, node.turn(until))).collect()
+        let behind = |node: &Node| node.life == Life::Runs && !node.awaited && node.horizon < until;
+        let behind: Vec<NodeId> = (0..self.nodes.len()).filter(|id| behind(&self.nodes[*id])).collect();
+        behind.into_iter().map(|id| (id, self.turn(id, until))).collect()
+    }
+
+    fn turn(&mut self, id: NodeId, until: Instant) -> Turn {
+        let turn = self.nodes[id].turn(until);
+        self.note_change(id);
+        turn
+    }
+
+    /// Takes note that a board has changed in any way: with the next [bound](Self::bound), all that rests on it is
+    /// looked at again.
+    fn note_change(&mut self, id: NodeId) {
+        let node = &mut self.nodes[id];
+        let waits = node.awaited && node.life == Life::Runs;
+        if waits != core::mem::replace(&mut node.counted, waits) {
+            self.waiting = if waits { self.waiting + 1 } else { self.waiting - 1 };
+        }
+        if !core::mem::replace(&mut node.changed, true) {
+            self.changed.push(id);
+        }
+    }
+
+    /// What a board is to be looked at for, now that it or its bound has changed.
+    fn reconsider(&mut self, id: NodeId) {
+        self.unsettled.insert(id);
+        let node = &mut self.nodes[id];
+        let needed = node.needed_at();
+        let before = core::mem::replace(&mut node.listed, needed);
+        if needed != before {
+            self.needs.remove(&(before, id));
+            if !needed.is_never() {
+                self.needs.insert((needed, id));
+            }
+        }
     }
 
     /// Whether boards are yet to answer.
-    pub fn is_waiting(&self) -> bool {
-        self.nodes.iter().any(|node| node.awaited && node.life == Life::Runs)
+    pub const fn is_waiting(&self) -> bool {
+        self.waiting > 0
     }
 
     /// Whether this board is yet to answer.
@@ -371,7 +446,8 @@ impl Engine {
 
     /// The first change on a line that comes from a fault.
     fn next_change(&self) -> Instant {
-        let changes = self.lines.iter().map(|line| line.next_change(|other, at| self.lines[other].driven(at)));
+        let lines = self.disturbed.iter().map(|line| &self.lines[line]);
+        let changes = lines.map(|line| line.next_change(|other, at| self.lines[other].driven(at)));
         changes.min().unwrap_or(Instant::NEVER)
     }
 
@@ -404,6 +480,9 @@ impl Engine {
 
     /// How far anything may be settled: while a board waits for silence, time goes no further than silence may.
     fn held_at(&self, limit: Limit) -> Instant {
+        if limit.silence.is_never() {
+            return limit.until;
+        }
         let unproven = self.silences().filter(|(_, silence)| silence.deadline >= limit.silence);
         let held = unproven.map(|(_, silence)| limit.silence.max(silence.from.next()));
         held.min().unwrap_or(Instant::NEVER).min(limit.until)
@@ -461,56 +540,17 @@ impl Engine {
     /// Settles what the board has told and nothing unheard can change; the rest will not come.
     fn halt(&mut self, node: NodeId, life: Life) -> Instant {
         self.bound();
-        let at = self.nodes[node].safe_until().min(self.frontier()).max(self.nodes[node].commit);
+        let safe = self.nodes[node].safe_until().min(self.reaction());
+        let at = safe.min(self.frontier()).max(self.nodes[node].commit);
         self.settle(node, at);
         self.nodes[node].stop(at, life);
+        self.note_change(node);
         at
     }
 
     fn hear(&mut self, node: NodeId, heard: Heard) {
         self.nodes[node].hear(heard);
-    }
-
-    /// Computes every board's `EIT`.
-    fn bound(&mut self) {
-        for node in &mut self.nodes {
-            node.eit = Instant::NEVER;
-        }
-        let mut changed = true;
-        while changed {
-            changed = false;
-            let reaction = self.reaction();
-            for id in 0..self.nodes.len() {
-                let eit = self.nodes[id].hears.iter().map(|(port, line)| {
-                    let edge = self.earliest_edge(*line);
-                    self.nodes[id].ears.get(*port).map_or(edge, |ear: &Ear| ear.effect(edge))
-                });
-                let eit = eit.min().unwrap_or(Instant::NEVER).min(reaction);
-                if eit < self.nodes[id].eit {
-                    self.nodes[id].eit = eit;
-                    changed = true;
-                }
-            }
-        }
-    }
-
-    /// The earliest instant at which a line's receiver can see a change that it has not been told of.
-    fn earliest_edge(&self, line: LineId) -> Instant {
-        let wire = &self.lines[line];
-        if wire.is_disturbed() {
-            self.sure_until(line).min(wire.next_change(|other, at| self.lines[other].driven(at)))
-        } else {
-            self.nodes[wire.from.node].earliest_edge(usize::from(wire.from.port))
-        }
-    }
-
-    /// Before this instant nothing can change what is known of a disturbed line.
-    fn sure_until(&self, line: LineId) -> Instant {
-        let wire = &self.lines[line];
-        let drivers = wire.contacts().chain([line]).map(|line| self.lines[line].from);
-        let driven = drivers.map(|end| self.nodes[end.node].earliest_edge(usize::from(end.port)));
-        let noise = wire.noise_until(self.nodes[wire.to.node].commit);
-        driven.min().unwrap_or(Instant::NEVER).min(noise).min(self.reaction())
+        self.note_change(node);
     }
 
     /// The earliest instant at which whoever watches can act.
@@ -523,10 +563,9 @@ impl Engine {
     /// Hands on what is sure on disturbed lines. Says whether there was any.
     fn pass(&mut self, until: Instant) -> bool {
         let mut moved = false;
-        for line in 0..self.lines.len() {
-            if !self.lines[line].is_disturbed() {
-                continue;
-            }
+        let mut next = 0;
+        while let Some(line) = self.disturbed.first_from(next) {
+            next = line + 1;
             let sure = self.sure_until(line).min(until);
             let (before, rest) = self.lines.split_at_mut(line);
             let Some((wire, after)) = rest.split_first_mut() else { break };
@@ -534,6 +573,11 @@ impl Engine {
                 Some(other) => after[other].driven(at),
                 None => before[other].driven(at),
             });
+            self.frontier = self.frontier.max(wire.settled());
+            if !wire.is_disturbed() {
+                self.disturbed.remove(line);
+                self.agenda.look_at(line);
+            }
             if let Some(edges) = passed {
                 moved = true;
                 self.tell(line, Passed::Edges(edges));
@@ -544,6 +588,7 @@ impl Engine {
 
     /// Tells a line's receiver.
     fn tell(&mut self, line: LineId, passed: Passed) {
+        self.unsure.insert(line);
         let End { node, port } = self.lines[line].to;
         match passed {
             Passed::Edges(edges) if edges.is_empty() => {}
@@ -555,9 +600,16 @@ impl Engine {
     /// Makes facts of what can no longer be withdrawn from the lines.
     fn report(&mut self, until: Instant) {
         let until = until.min(self.reaction());
-        for (line, wire) in self.lines.iter_mut().enumerate() {
+        let mut next = 0;
+        while let Some(line) = self.unsure.first_from(next) {
+            next = line + 1;
+            let wire = &mut self.lines[line];
             let sure = self.nodes[wire.from.node].uncut_until().min(until);
             let edges = wire.take_sure(sure);
+            self.frontier = self.frontier.max(wire.settled());
+            if wire.is_sure() {
+                self.unsure.remove(line);
+            }
             if !edges.is_empty() {
                 self.facts.push(Fact::Edges { line, edges });
             }
@@ -569,18 +621,19 @@ impl Engine {
     fn settle(&mut self, id: NodeId, until: Instant) -> bool {
         let mut sent = false;
         let mut last = None;
-        while self.nodes[id].ahead.front().is_some_and(|told| told.at < until) {
-            let Some(Timed { at, output }) = self.nodes[id].ahead.pop_front() else { break };
+        while let Some(Timed { at, output }) = self.nodes[id].take_told(until) {
             last = Some(at);
             self.look(id, at, &output);
             match output {
                 Output::Character { port, edges, end } => {
                     sent = true;
                     self.nodes[id].busy_until(port, end);
-                    if let Some(line) = self.nodes[id].line_of(port)
-                        && let Some(edges) = self.lines[line].carry(at, edges, end)
-                    {
-                        self.tell(line, Passed::Edges(edges));
+                    if let Some(line) = self.nodes[id].line_of(port) {
+                        let passed = self.lines[line].carry(at, edges, end);
+                        self.fired.extend(self.lines[line].take_fired());
+                        if let Some(edges) = passed {
+                            self.tell(line, Passed::Edges(edges));
+                        }
                     }
                 }
                 Output::Cut { port } => {
@@ -600,11 +653,19 @@ impl Engine {
                 }
             }
         }
-        sent | self.nodes[id].commit_to(until, last)
+        let changed = sent | self.nodes[id].commit_to(until, last);
+        self.frontier = self.frontier.max(self.nodes[id].commit);
+        if changed {
+            self.note_change(id);
+        }
+        changed
     }
 
     /// Notes what watches see.
     fn look(&mut self, node: NodeId, at: Instant, output: &Output) {
+        if !self.nodes[node].watched {
+            return;
+        }
         for (watch, what) in &self.watches {
             if what.node == node && what.sees(output) {
                 self.hits.push(Hit { watch: *watch, at });
@@ -618,14 +679,12 @@ impl Engine {
         if self.is_waiting() {
             return Vec::new();
         }
-        let needs: Vec<Instant> = self.nodes.iter().map(|node| node.needed_at(until)).collect();
-        let first = needs.iter().min().copied().unwrap_or(Instant::NEVER);
-        if first.is_never() {
-            return Vec::new();
-        }
-        let now = first + TOGETHER;
-        let needed = (0..self.nodes.len()).filter(|id| needs[*id] <= now);
-        needed.map(|id| (id, self.nodes[id].turn(Instant::START))).collect()
+        let first = self.needs.first().map_or(Instant::NEVER, |(need, _)| *need);
+        let together = |need: Instant| need < until && need <= first + TOGETHER;
+        let mut needed: Vec<NodeId> =
+            self.needs.iter().take_while(|(need, _)| together(*need)).map(|(_, id)| *id).collect();
+        needed.sort_unstable();
+        needed.into_iter().map(|id| (id, self.turn(id, Instant::START))).collect()
     }
 }
 

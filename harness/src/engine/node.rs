@@ -7,6 +7,7 @@ use torno_protocol::record::{Batch, Heard, Silence, Timed, Turn};
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::Ear;
 
+use super::bounds::Sending;
 use super::{LineId, Statistics, Watch};
 
 /// A mute board that is watched runs so far at a time.
@@ -44,7 +45,9 @@ pub(super) struct Node {
     /// Everything before this instant is settled.
     pub(super) commit: Instant,
     /// What it has told beyond that, in order.
-    pub(super) ahead: VecDeque<Timed>,
+    ahead: VecDeque<Timed>,
+    /// How much of that goes out on ports.
+    spoken: usize,
     /// It has told everything before this instant.
     pub(super) horizon: Instant,
     pub(super) mute_since: Option<Instant>,
@@ -62,8 +65,20 @@ pub(super) struct Node {
     resets: Vec<Instant>,
     /// It has been given a turn and has not answered.
     pub(super) awaited: bool,
-    /// The first instant at which something unheard can matter to it.
+    /// The first instant at which something unheard can matter to it, whoever watches.
     pub(super) eit: Instant,
+    /// The line that `eit` comes from.
+    pub(super) owes_eit_to: Option<LineId>,
+    /// What its state says of the next edge on each port, when that was last looked at.
+    pub(super) sending: Vec<Sending>,
+    /// Its receivers say something else than then.
+    pub(super) ears_changed: bool,
+    /// It has changed since then.
+    pub(super) changed: bool,
+    /// It is counted among those that are yet to answer.
+    pub(super) counted: bool,
+    /// Where it is listed among those that need a turn.
+    pub(super) listed: Instant,
     /// What it tells matters to somebody else: it must run even if it is mute.
     pub(super) watched: bool,
     pub(super) statistics: Statistics,
@@ -77,6 +92,7 @@ impl Node {
             hears: Vec::new(),
             commit: Instant::START,
             ahead: VecDeque::new(),
+            spoken: 0,
             horizon: Instant::START,
             mute_since: None,
             silences: Vec::new(),
@@ -87,6 +103,12 @@ impl Node {
             resets: Vec::new(),
             awaited: false,
             eit: Instant::NEVER,
+            owes_eit_to: None,
+            sending: vec![Sending::NOTHING; ports],
+            ears_changed: false,
+            changed: false,
+            counted: false,
+            listed: Instant::NEVER,
             watched: false,
             statistics: Statistics::default(),
         }
@@ -97,40 +119,35 @@ impl Node {
         if self.mute_since.is_some() && !self.watched { Instant::NEVER } else { self.horizon }
     }
 
-    /// Nothing leaves the board before this instant that it has not told.
-    fn promised_until(&self) -> Instant {
-        let own = if self.mute_since.is_some() { Instant::NEVER } else { self.horizon };
-        own.min(self.eit).min(self.effect)
-    }
-
     /// Up to here nothing can change what the board has told.
     pub(super) fn safe_until(&self) -> Instant {
         self.told_until().min(self.eit).min(self.effect)
     }
 
-    /// `E`: the earliest instant at which a port can change in a way that has not been settled.
-    pub(super) fn earliest_edge(&self, port: usize) -> Instant {
+    /// Brings what its state says of its next edges up to date.
+    pub(super) fn note_sending(&mut self) {
         if self.life != Life::Runs {
-            return Instant::NEVER;
+            self.sending.fill(Sending::NOTHING);
+            return;
         }
-        let mut character = Instant::NEVER;
-        let mut cut = self.uncut_until();
-        for Timed { at, output } in &self.ahead {
-            match output {
-                Output::Character { port: p, edges, .. } if usize::from(*p) == port => {
-                    character = edges.first().map_or(character, |edge| edge.at);
-                    break;
+        let own = if self.mute_since.is_some() { Instant::NEVER } else { self.horizon };
+        let (told, cut) = (own.min(self.effect), self.uncut_until());
+        for (sending, free) in self.sending.iter_mut().zip(&self.line_busy_until) {
+            *sending = Sending { told, free: *free, cut };
+        }
+        // What comes first counts, so it is looked at last.
+        for Timed { at, output } in self.ahead.iter().rev().filter(|told| speaks(told)).take(self.spoken) {
+            let (port, told, cut) = match output {
+                Output::Character { port, edges, .. } => {
+                    (port, edges.first().map_or(told, |edge| told.min(edge.at)), cut)
                 }
-                Output::Cut { port: p } if usize::from(*p) == port => {
-                    cut = cut.min(*at);
-                    break;
-                }
-                _ => {}
+                Output::Cut { port } => (port, told, cut.min(*at)),
+                Output::Telemetry { .. } | Output::Event { .. } => continue,
+            };
+            if let Some(sending) = self.sending.get_mut(usize::from(*port)) {
+                (sending.told, sending.cut) = (told, cut);
             }
         }
-        // A new character waits for the end of the one on the line; a cut does not.
-        let free = self.line_busy_until.get(port).copied().unwrap_or_default();
-        character.min(self.promised_until()).max(free).min(cut)
     }
 
     /// The first edge that the board is certain to send on a port if nothing more reaches it.
@@ -167,6 +184,22 @@ impl Node {
         told.map_or(Instant::NEVER, |told| told.at).min(self.safe_until())
     }
 
+    /// Takes the first of what it has told, if that lies before `until`.
+    pub(super) fn take_told(&mut self, until: Instant) -> Option<Timed> {
+        let told = self.ahead.pop_front_if(|told| told.at < until)?;
+        self.spoken -= usize::from(speaks(&told));
+        Some(told)
+    }
+
+    /// What it has told of `from` and later no longer holds. Says whether there was anything.
+    fn take_back(&mut self, from: Instant) -> bool {
+        let before = self.ahead.len();
+        while let Some(told) = self.ahead.pop_back_if(|told| told.at >= from) {
+            self.spoken -= usize::from(speaks(&told));
+        }
+        self.ahead.len() < before
+    }
+
     /// Everything before `until` is settled, what the board did last at `last`. Says whether a reset is settled.
     pub(super) fn commit_to(&mut self, until: Instant, last: Option<Instant>) -> bool {
         let until = if until.is_never() {
@@ -194,10 +227,9 @@ impl Node {
 
     /// The instant for which the board must take a turn before anything at or after it can be settled; never, if it
     /// need not.
-    pub(super) fn needed_at(&self, until: Instant) -> Instant {
-        let bound = self.eit.min(until);
+    pub(super) fn needed_at(&self) -> Instant {
         let need = self.effect.min(self.told_until());
-        if self.life == Life::Runs && !self.awaited && need < bound { need } else { Instant::NEVER }
+        if self.life == Life::Runs && !self.awaited && need < self.eit { need } else { Instant::NEVER }
     }
 
     /// The earliest instant at which something other than telemetry happens.
@@ -248,12 +280,8 @@ impl Node {
     /// Starts a turn: from here on, what was told for the instants that the board is about to hear of no longer holds.
     pub(super) fn turn(&mut self, until: Instant) -> Turn {
         self.awaited = true;
-        let told = self.ahead.len();
-        while self.ahead.back().is_some_and(|told| told.at >= self.effect) {
-            self.ahead.pop_back();
-        }
         self.statistics.turns += 1;
-        self.statistics.redone += u64::from(self.ahead.len() < told);
+        self.statistics.redone += u64::from(self.take_back(self.effect));
         self.silences.retain(|silence| silence.deadline < self.effect);
         self.horizon = self.horizon.min(self.effect);
         if !self.effect.is_never() {
@@ -276,20 +304,20 @@ impl Node {
     }
 
     pub(super) fn answer(&mut self, batch: Batch) {
-        while self.ahead.back().is_some_and(|told| told.at >= batch.from) {
-            self.ahead.pop_back();
-        }
+        self.take_back(batch.from);
         self.awaited = false;
         if self.life != Life::Runs {
             // An answer from before it was stopped: what could still be used of it has been settled.
             self.note_effect();
             return;
         }
+        self.spoken += batch.outputs.iter().filter(|told| speaks(told)).count();
         self.ahead.extend(batch.outputs);
         self.horizon = batch.horizon;
         self.mute_since = batch.mute_since;
         self.silences.retain(|silence| silence.deadline < batch.from);
         self.silences.extend(batch.silences);
+        self.ears_changed |= self.ears != batch.ears;
         self.ears = batch.ears;
         self.note_effect();
     }
@@ -298,6 +326,7 @@ impl Node {
     pub(super) fn stop(&mut self, at: Instant, life: Life) {
         self.life = life;
         self.ahead.clear();
+        self.spoken = 0;
         self.silences.clear();
         self.horizon = self.horizon.min(at);
         self.mute_since = Some(at);
@@ -321,6 +350,11 @@ impl Node {
             Heard::Stimulus { at, .. } => *at,
         }
     }
+}
+
+/// Whether it goes out on a port.
+fn speaks(told: &Timed) -> bool {
+    matches!(told.output, Output::Character { .. } | Output::Cut { .. })
 }
 
 fn port_of(heard: &Heard) -> Option<u8> {

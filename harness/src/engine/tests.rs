@@ -13,6 +13,41 @@ use super::*;
 
 const BAUD: Rate = Rate::hz(9600);
 
+impl Engine {
+    /// What is kept is what looking at everything gives.
+    pub(super) fn check(&mut self) {
+        let eits: Vec<Instant> = self.nodes.iter().map(|node| node.eit).collect();
+        let computed = self.computed;
+        for node in &mut self.nodes {
+            node.eit = Instant::NEVER;
+            let sending = node.sending.clone();
+            node.note_sending();
+            assert_eq!(sending, node.sending);
+        }
+        let mut changed = true;
+        while changed {
+            changed = false;
+            for line in 0..self.lines.len() {
+                let (effect, to) = (self.reach(line).effect(), self.lines[line].to.node);
+                changed |= effect < self.nodes[to].eit;
+                self.nodes[to].eit = self.nodes[to].eit.min(effect);
+            }
+        }
+        self.computed = computed;
+        let found: Vec<Instant> = self.nodes.iter().map(|node| node.eit).collect();
+        assert_eq!(eits, found);
+        let needs = self.nodes.iter().enumerate().map(|(id, node)| (node.needed_at(), id));
+        assert_eq!(self.needs, needs.filter(|(need, _)| !need.is_never()).collect());
+        assert_eq!(self.waiting, self.nodes.iter().filter(|node| node.awaited && node.life == Life::Runs).count());
+        let disturbed: Vec<LineId> = (0..self.lines.len()).filter(|line| self.lines[*line].is_disturbed()).collect();
+        assert_eq!(self.disturbed.iter().collect::<Vec<_>>(), disturbed);
+        let mut unsure = (0..self.lines.len()).filter(|line| !self.lines[*line].is_sure());
+        assert!(unsure.all(|line| self.unsure.first_from(line) == Some(line)));
+        let commits = self.nodes.iter().map(|node| node.commit);
+        assert_eq!(Some(self.frontier), commits.chain(self.lines.iter().map(Wire::settled)).max());
+    }
+}
+
 /// A board with two ports that answers what it hears, passes on some of it, and speaks up by itself now and then.
 #[derive(Clone, Debug)]
 struct Chatterbox {
@@ -482,7 +517,8 @@ fn what_cuts_a_character_short_is_reckoned_with_before_it_is_told() {
         node.answer(Batch { horizon: Instant::NEVER, mute_since: Some(Instant::START), ..Batch::default() });
         node.line_busy_until[0] = us(1_042);
         node.hear(Heard::Stimulus { at: us(500), stimulus });
-        node.earliest_edge(0)
+        node.note_sending();
+        node.sending[0].earliest_edge(node.eit)
     };
     let stimuli = [Stimulus::Reset, Stimulus::Power(false), Stimulus::Power(true), Stimulus::Hang(true)];
     assert_eq!(stimuli.map(earliest), [us(500), us(500), us(1_042), us(1_042)]);
@@ -538,6 +574,36 @@ fn a_fault_that_is_asked_for_right_after_a_start_edge_is_the_same_as_one_that_wa
     early.faults[0].asked = Instant::START;
     let until = ns(3_500_000_000);
     assert_eq!(early.run(&[], until), late.run(&[], until));
+}
+
+/// How much the engine looks at for a turn, in a rig of so many pairs of boards that talk, and as many that do not.
+fn computed_per_turn(pairs: u64) -> f64 {
+    let mut engine = Engine::new();
+    let mut steppers = Vec::new();
+    for pair in 0..2 * pairs {
+        let period = (pair < pairs).then(|| Span::from_micros(20_000 + 371 * pair));
+        let [a, b] = [engine.add_node(2), engine.add_node(2)];
+        steppers.extend([period, None].map(|p| Stepper::new(Chatterbox::new(0, false, Span::from_millis(3), p))));
+        let (end_a, end_b) = (End { node: a, port: 0 }, End { node: b, port: 1 });
+        engine.add_line(end_a, end_b);
+        engine.add_line(end_b, end_a);
+    }
+    let mut turns = engine.catch_up(Instant::START.next());
+    let mut given = 0;
+    while !turns.is_empty() {
+        for (node, turn) in turns {
+            given += 1;
+            engine.answer(node, steppers[node].turn(&turn).unwrap()).unwrap();
+        }
+        turns = engine.poll(Limit::until(Instant::START + Span::from_secs(2)));
+    }
+    engine.computed as f64 / f64::from(given)
+}
+
+#[test]
+fn a_turn_costs_the_same_however_many_boards_there_are() {
+    let (few, many) = (computed_per_turn(2), computed_per_turn(40));
+    assert!(many < 1.2 * few, "{few:.1} and {many:.1} bounds a turn");
 }
 
 #[test]

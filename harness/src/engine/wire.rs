@@ -180,6 +180,16 @@ impl Wire {
         self.passed.is_some()
     }
 
+    /// Whether all that its receiver has been told has been [taken](Self::take_sure).
+    pub(super) const fn is_sure(&self) -> bool {
+        self.unsure.is_empty()
+    }
+
+    /// Whether it touches other wires, now or later.
+    pub(super) const fn touches_others(&self) -> bool {
+        !self.contacts.is_empty()
+    }
+
     /// The other wires that it touches, now or later.
     pub(super) fn contacts(&self) -> impl Iterator<Item = LineId> {
         self.contacts.iter().map(|contact| contact.other)

@@ -18,7 +18,10 @@ impl Bar {
         let template = "frame {pos} of {len} {bar:32.cyan/blue} {msg}";
         let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
         bar.set_style(style.progress_chars("━╸─"));
-        bar.enable_steady_tick(Duration::from_millis(250));
+        // It ticks in a thread of its own: not for nothing.
+        if !bar.is_hidden() {
+            bar.enable_steady_tick(Duration::from_millis(250));
+        }
         Self { bar, wall }
     }
 

@@ -15,6 +15,7 @@ use std::path::PathBuf;
 use std::task::Poll;
 use std::time::Duration;
 
+use rustix::process::Pid;
 use rustix::thread::CpuSet;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use torno_protocol::board::{Description, Stimulus, Wait};
@@ -258,13 +259,17 @@ impl Rig {
     /// Keeps all processes on the processor that this one runs on: they take turns, so a second one only adds the
     /// cost of waking it.
     pub fn share_one_processor(&self) {
-        let mut cpus = CpuSet::new();
-        cpus.set(rustix::thread::sched_getcpu());
         let pids = self.nodes.iter().filter_map(|node| match &node.seat {
             Seat::Process(process) => Some(process.pid()),
             Seat::Local(_) | Seat::Empty => None,
         });
-        for pid in pids.map(Some).chain([None]) {
+        let pids: Vec<Pid> = pids.collect();
+        if pids.is_empty() {
+            return;
+        }
+        let mut cpus = CpuSet::new();
+        cpus.set(rustix::thread::sched_getcpu());
+        for pid in pids.into_iter().map(Some).chain([None]) {
             if let Err(error) = rustix::thread::sched_setaffinity(pid, &cpus) {
                 tracing::debug!(%error, "cannot keep the boards on one processor");
             }
