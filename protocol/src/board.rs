@@ -123,6 +123,11 @@ pub enum Stimulus {
     /// Something hard (a chip, a clamp) stops an axis's carriage so many counts from mid-travel, on the side given by
     /// the sign; one that is beyond it already, where it stands. One a side; 0 removes both. Others ignore it.
     EndStop(i32),
+    /// The service mode in which motors are characterised: the firmware drives with so many per mille of full drive,
+    /// negative the other way round, from now on and whatever its control law says, which stands still meanwhile; 0 and
+    /// a reset end it. (Ours: the paper's motors were characterised on the bench, by hand.) Boards without a motor
+    /// ignore it; one that drives in one sense only takes a negative one for none.
+    Drive(i32),
 }
 
 /// What a board does.

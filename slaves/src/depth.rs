@@ -9,7 +9,7 @@ use torno_protocol::time::Instant;
 use crate::control::OnOff;
 use crate::encoder::{Counter, Encoder};
 use crate::plant::PositionMotor;
-use crate::settings::within;
+use crate::settings::{service_drive, within};
 use crate::slave::{Machine, Progress, Slave};
 
 /// In position for so many polls, the axis is done. (Ours.)
@@ -96,6 +96,8 @@ pub struct DepthMachine {
     /// Where the slide was when the firmware last counted, by the true count.
     carriage: i64,
     firmware: Firmware,
+    /// The drive of the service mode; 0 without it.
+    service: i64,
 }
 
 #[derive(Clone, Debug)]
@@ -162,6 +164,7 @@ impl DepthMachine {
             counter: Counter::new(encoder),
             carriage: 0,
             firmware: Firmware::new(settings),
+            service: 0,
         }
     }
 
@@ -173,8 +176,12 @@ impl DepthMachine {
         self.firmware.count != before
     }
 
+    fn drive(&self) -> i64 {
+        if self.service == 0 { self.firmware.law.drive() } else { self.service }
+    }
+
     fn apply(&mut self) {
-        self.motor.drive(self.speed_mm_per_s * self.firmware.law.drive() as f64);
+        self.motor.drive(self.speed_mm_per_s * self.drive() as f64);
     }
 }
 
@@ -183,7 +190,7 @@ impl Machine<{ DepthPart::LENGTH }, 4> for DepthMachine {
 
     fn values(&self) -> [i64; 4] {
         let offset = self.carriage.saturating_sub(self.firmware.count);
-        [self.firmware.count, self.firmware.remaining(), self.firmware.law.drive(), offset]
+        [self.firmware.count, self.firmware.remaining(), self.drive(), offset]
     }
 
     fn start(&mut self, now: Instant, part: [u8; DepthPart::LENGTH]) -> Result<(), Refusal> {
@@ -196,7 +203,7 @@ impl Machine<{ DepthPart::LENGTH }, 4> for DepthMachine {
 
     fn sample(&mut self, now: Instant, busy: bool) -> Progress {
         let moved = self.advance(now);
-        if !busy {
+        if !busy || self.service != 0 {
             return Progress::Going;
         }
         let end_stop = self.motor.end_stop();
@@ -225,6 +232,11 @@ impl Machine<{ DepthPart::LENGTH }, 4> for DepthMachine {
             Stimulus::Supply(per_mille) => self.motor.set_supply(*per_mille),
             Stimulus::Backlash(counts) => self.motor.set_backlash(self.encoder.way(i32::from(*counts))),
             Stimulus::EndStop(counts) => self.motor.set_stop(self.encoder.way(*counts)),
+            // The motor is switched on or off, nothing between.
+            Stimulus::Drive(per_mille) => {
+                self.service = service_drive(*per_mille, 1.0);
+                self.apply();
+            }
             _ => {}
         }
     }
@@ -238,10 +250,11 @@ impl Machine<{ DepthPart::LENGTH }, 4> for DepthMachine {
     fn reset(&mut self, now: Instant) {
         self.advance(now);
         self.firmware.switch_off();
+        self.service = 0;
         self.apply();
     }
 
     fn is_at_rest(&self) -> bool {
-        self.firmware.law.drive() == 0 && self.counter.count_at(self.motor.carriage_coast_end()) == self.firmware.count
+        self.drive() == 0 && self.counter.count_at(self.motor.carriage_coast_end()) == self.firmware.count
     }
 }

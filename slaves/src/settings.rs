@@ -9,6 +9,11 @@ pub(crate) fn within(field: &str, found: impl Into<f64>, least: f64, most: f64) 
     Err(format!("{field}: expected {least} to {most}, found {found}"))
 }
 
+/// A drive in per mille of the largest, in LSB: never more than the largest, either way.
+pub(crate) fn service_drive(per_mille: i32, largest: f64) -> i64 {
+    (f64::from(per_mille.clamp(-1_000, 1_000)) / 1_000.0 * largest).round() as i64
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -9,7 +9,7 @@ use torno_protocol::time::Instant;
 use crate::control::Lead;
 use crate::encoder::{Counter, Encoder};
 use crate::plant::SpeedMotor;
-use crate::settings::within;
+use crate::settings::{service_drive, within};
 use crate::slave::{Machine, Progress, Slave};
 
 /// Pulses of the encoder per revolution (§4).
@@ -100,6 +100,8 @@ struct Firmware {
     sum: i64,
     empty: u32,
     drive: i64,
+    /// The drive of the service mode; 0 without it.
+    service: i64,
 }
 
 impl Firmware {
@@ -116,6 +118,7 @@ impl Firmware {
             sum: 0,
             empty: 0,
             drive: 0,
+            service: 0,
         }
     }
 
@@ -139,6 +142,10 @@ impl Firmware {
 
     /// The control law: the mean voltage for the next window.
     fn control(&mut self) -> f64 {
+        if self.service != 0 {
+            self.drive = self.service;
+            return self.drive as f64 / DRIVE_MAX * self.supply_v;
+        }
         if self.set_point_rpm == 0 {
             self.lead.reset();
             self.drive = 0;
@@ -171,6 +178,7 @@ impl Firmware {
         self.empty = 0;
         self.lead.reset();
         self.drive = 0;
+        self.service = 0;
     }
 }
 
@@ -229,6 +237,11 @@ impl Machine<{ SpindlePart::LENGTH }, 4> for SpindleMachine {
             Stimulus::Counts(counts) => self.counter.invent(self.motor.angle_rev(), *counts),
             Stimulus::Load(per_mille) => self.motor.set_load(*per_mille),
             Stimulus::Supply(per_mille) => self.motor.set_supply(*per_mille),
+            Stimulus::Drive(per_mille) => {
+                self.firmware.service = service_drive(*per_mille, DRIVE_MAX).max(0);
+                self.firmware.drive = self.firmware.service;
+                self.motor.drive(self.firmware.drive as f64 / DRIVE_MAX * self.firmware.supply_v);
+            }
             _ => {}
         }
     }

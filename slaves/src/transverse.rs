@@ -9,7 +9,7 @@ use torno_protocol::time::Instant;
 use crate::control::{Gains, Pid, Profile};
 use crate::encoder::{Counter, Encoder};
 use crate::plant::PositionMotor;
-use crate::settings::within;
+use crate::settings::{service_drive, within};
 use crate::slave::{Machine, Progress, Slave};
 
 /// The largest drive either way, in LSB: 8 bits, and two pins for the sense (§4).
@@ -124,6 +124,8 @@ struct Firmware {
     settled: u32,
     still: u32,
     drive: i64,
+    /// The drive of the service mode; 0 without it.
+    service: i64,
 }
 
 impl Firmware {
@@ -142,6 +144,7 @@ impl Firmware {
             settled: 0,
             still: 0,
             drive: 0,
+            service: 0,
         }
     }
 
@@ -157,6 +160,7 @@ impl Firmware {
     fn let_go(&mut self, count: i64) {
         self.holding = false;
         self.drive = 0;
+        self.service = 0;
         self.pid.reset();
         self.stand_at(count);
     }
@@ -238,6 +242,10 @@ impl Machine<{ TransversePart::LENGTH }, 4> for TransverseMachine {
 
     fn sample(&mut self, now: Instant, busy: bool) -> Progress {
         let count = self.advance(now);
+        if self.firmware.service != 0 {
+            self.firmware.count = count;
+            return Progress::Going;
+        }
         if !self.firmware.holding {
             self.firmware.stand_at(count);
             return Progress::Going;
@@ -274,6 +282,11 @@ impl Machine<{ TransversePart::LENGTH }, 4> for TransverseMachine {
             Stimulus::Supply(per_mille) => self.motor.set_supply(*per_mille),
             Stimulus::Backlash(counts) => self.motor.set_backlash(self.encoder.way(i32::from(*counts))),
             Stimulus::EndStop(counts) => self.motor.set_stop(self.encoder.way(*counts)),
+            Stimulus::Drive(per_mille) => {
+                self.firmware.service = service_drive(*per_mille, DRIVE_MAX);
+                self.firmware.drive = self.firmware.service;
+                self.motor.drive(self.counts_per_s_per_lsb * self.firmware.drive as f64);
+            }
             _ => {}
         }
     }
