@@ -2,8 +2,6 @@
 //! `cargo test --release -p torno-identify --test accuracy -- --nocapture`.
 
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
-#![allow(clippy::disallowed_methods, reason = "the simulated truth need not be the same to the last digit")]
-
 mod bench;
 
 use bench::{Axis, Bench, SPINDLE, feed};

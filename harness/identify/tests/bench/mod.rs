@@ -48,7 +48,7 @@ impl Bench {
     pub(crate) fn new(axis: Axis, rpm: f64, seed: u64) -> Self {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let position = uniform(&mut random);
-        let kept = (-WINDOW / PIECES as f64 / axis.model.tau).exp();
+        let kept = libm::exp(-WINDOW / PIECES as f64 / axis.model.tau);
         // A white torque, through the motor's own lag.
         let push = rpm * axis.rpm * ((1.0 + kept) / (1.0 - kept)).sqrt();
         Self { axis, push, random, speed: 0.0, position }
@@ -58,7 +58,7 @@ impl Bench {
     fn pass(&mut self, input: f64, seconds: f64, pieces: usize) {
         let FirstOrder { gain, tau } = self.axis.model;
         let length = seconds / pieces as f64;
-        let kept = (-length / tau).exp();
+        let kept = libm::exp(-length / tau);
         for _ in 0..pieces {
             let toward = gain * input + self.push * normal(&mut self.random);
             let way = toward * length + (self.speed - toward) * tau * (1.0 - kept);
@@ -99,6 +99,6 @@ fn uniform(random: &mut ChaCha8Rng) -> f64 {
 
 /// Box and Muller.
 fn normal(random: &mut ChaCha8Rng) -> f64 {
-    let radius = (-2.0 * (1.0 - uniform(random)).ln()).sqrt();
-    radius * (core::f64::consts::TAU * uniform(random)).cos()
+    let radius = (-2.0 * libm::log(1.0 - uniform(random))).sqrt();
+    radius * libm::cos(core::f64::consts::TAU * uniform(random))
 }
