@@ -81,6 +81,7 @@ pub fn instrumental_variables(data: &Data) -> Result<Fitted, Finding> {
         coefficients = regression.solve(&regression.instruments(&coefficients))?;
     }
     let fitted = regression.fitted(&coefficients)?;
+    data.check_fine(fitted.tau.value)?;
     Ok(with_spread(data, &regression, &coefficients, fitted))
 }
 

@@ -7,6 +7,9 @@ const LEAST: usize = 20;
 /// The largest deviation from even spacing, as a share of it. (Ours.)
 const EVEN: f64 = 0.01;
 
+/// With fewer counts in a time constant, there is no telling when in it they came. (Ours.)
+const LEAST_COUNTS: f64 = 3.0;
+
 /// What the sensor tells, and so what a sample's output is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sensor {
@@ -132,6 +135,16 @@ impl Data {
     pub fn instants(&self) -> Vec<f64> {
         let back = if self.sensor == Sensor::Mean { 0.5 } else { 0.0 };
         self.samples.iter().zip(self.intervals()).map(|(sample, length)| sample.time - back * length).collect()
+    }
+
+    /// Whether the sensor can see a lag of `tau` seconds at all.
+    pub(crate) fn check_fine(&self, tau: f64) -> Result<(), Finding> {
+        let speed = self.samples.iter().map(|sample| sample.speed.abs()).sum::<f64>() / self.samples.len() as f64;
+        let counts = if self.quantum > 0.0 { speed * tau / (self.quantum * self.period()) } else { f64::MAX };
+        if counts >= LEAST_COUNTS {
+            return Ok(());
+        }
+        Err(Finding::Coarse { speed: rounded(speed), counts: rounded(counts), tau: rounded(tau), least: LEAST_COUNTS })
     }
 
     /// The samples begin with the motor at rest, as far as its sensor can tell.

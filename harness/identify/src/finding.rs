@@ -70,6 +70,24 @@ pub enum Finding {
     /// The input is no step.
     #[error("the input is no step: expected 0 and then one value to the end")]
     NoStep,
+    /// Nothing between rest and the final value was caught.
+    #[error("the rise cannot be seen: no sample lies on the way from rest to the final value")]
+    NoRise,
+    /// The encoder counts too little to see a lag.
+    #[error(
+        "the encoder is too coarse to see the lag: at {speed} it counts {counts} times in a time constant of {tau} s: \
+         expected at least {least}"
+    )]
+    Coarse {
+        /// The mean speed, in units of speed.
+        speed: f64,
+        /// Counts in a time constant.
+        counts: f64,
+        /// The time constant that comes out.
+        tau: f64,
+        /// What is needed.
+        least: f64,
+    },
     /// The response is over before it can be seen, or has hardly begun.
     #[error("the time constant cannot be told from these data: {tau} s ± {sd} s (1 sigma)")]
     Vague {

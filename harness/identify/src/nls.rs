@@ -90,6 +90,7 @@ pub fn first_order(data: &Data) -> Result<Fitted, Finding> {
 /// Whether a fit means anything.
 fn check(data: &Data, fitted: Fitted) -> Result<Fitted, Finding> {
     let Estimate { value: tau, sd } = fitted.tau;
+    data.check_fine(tau)?;
     // What one count hides is not the model's fault.
     let fit = fit_percent(data, &fitted);
     if fit < LEAST_FIT && residual_rms(data, &fitted) > data.quantum() {

@@ -45,7 +45,7 @@ impl Rise {
         let (least, most) = RISE;
         let kept = |(_, share): &&(f64, f64)| *share > least && *share < most;
         let points: Vec<(f64, f64)> = self.points.iter().filter(kept).copied().collect();
-        if points.is_empty() { Err(Finding::TooFew { least: 1, found: 0 }) } else { Ok(points) }
+        if points.is_empty() { Err(Finding::NoRise) } else { Ok(points) }
     }
 }
 
@@ -56,7 +56,7 @@ impl Rise {
 pub fn one_point(data: &Data) -> Result<Fitted, Finding> {
     let rise = Rise::of(data)?;
     let point = rise.points.iter().find(|(_, share)| *share >= AT_TAU && *share < 1.0);
-    let (t0, share) = point.ok_or(Finding::TooFew { least: 1, found: 0 })?;
+    let (t0, share) = point.ok_or(Finding::NoRise)?;
     Ok(Fitted::bare(rise.gain(), -t0 / libm::log(1.0 - share)))
 }
 

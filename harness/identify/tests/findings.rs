@@ -69,7 +69,7 @@ fn what_data_cannot_tell_is_not_told() {
     let sample = |n: u32| Sample { time: 0.01 * f64::from(n), input: 1.0, speed: 100.0 * (slots(n) - slots(n - 1)) };
     let data = Data::new(Sensor::Mean, 0.0, (1..=200).map(sample).collect(), 100.0).unwrap();
     let finding = nls::first_order(&data).unwrap_err();
-    assert!(matches!(finding, Finding::Vague { .. }), "{finding}");
+    assert!(matches!(finding, Finding::Coarse { .. }), "{finding}");
     // No lag at all.
     let finding = nls::first_order(&data_of(400, |t| 100.0 * libm::sin(9.0 * t)).unwrap()).unwrap_err();
     assert!(matches!(finding, Finding::NotThisModel { .. }), "{finding}");

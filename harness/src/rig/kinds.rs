@@ -82,6 +82,98 @@ pub fn build_parsed(kind: &str, settings: &Spanned<DeValue<'_>>, clock: Clock) -
     .map_err(|complaint| wrong(kind, complaint))
 }
 
+/// What telemetry tells of a motor's shaft.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Encoder {
+    /// The counts of the window that ends at the sample.
+    Window(&'static str),
+    /// The count since the start.
+    Position(&'static str),
+}
+
+/// What regulates a motor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Law {
+    /// A lead compensator; the settings' names of its zero, its pole (negated) and its gain.
+    Lead([&'static str; 3]),
+    /// A PID; the settings' names of K1, K2 and K3.
+    Pid([&'static str; 3]),
+    /// It is switched on and off.
+    OnOff,
+}
+
+/// A board's motor as seen from its bench: how to drive it, and what its encoder counts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Motor {
+    /// What its encoder tells.
+    pub encoder: Encoder,
+    /// The time between samples, in ms of the board's clock.
+    pub period_ms: u32,
+    /// What one count is, in `unit`.
+    pub count: f64,
+    /// The unit of its position.
+    pub unit: &'static str,
+    /// Full drive in `input_unit`, and in the unit of telemetry's `drive`.
+    pub full: (f64, i64),
+    /// The unit of its drive.
+    pub input_unit: &'static str,
+    /// How far it can go either way, in counts; None if it turns for ever, and that one way only.
+    pub travel: Option<u32>,
+    /// What regulates it.
+    pub law: Law,
+}
+
+/// The motor of a board of that kind with these settings (TOML); None if it has none.
+///
+/// # Errors
+/// [`KindError`] if there is no such kind, or its settings are wrong.
+pub fn motor(kind: &str, settings: &str) -> Result<Option<Motor>, KindError> {
+    let table = DeTable::parse(settings).map_err(|error| wrong(kind, of_toml(error)))?;
+    let settings = Spanned::new(table.span(), DeValue::Table(table.into_inner()));
+    match kind {
+        "master" => Ok(None),
+        "spindle" => read(&settings, SpindleSettings::check).map(|s| {
+            Some(Motor {
+                encoder: Encoder::Window("speed_counts"),
+                period_ms: s.window_ms,
+                // 50 pulses a revolution (§4).
+                count: core::f64::consts::TAU / 50.0,
+                unit: "rad",
+                full: (s.supply_v, 1_023),
+                input_unit: "V",
+                travel: None,
+                law: Law::Lead(["alpha", "beta", "k"]),
+            })
+        }),
+        "transverse" => read(&settings, TransverseSettings::check).map(|s| {
+            Some(Motor {
+                encoder: Encoder::Position("position_counts"),
+                period_ms: s.sample_ms,
+                count: 1.0,
+                unit: "counts",
+                full: (255.0, 255),
+                input_unit: "LSB",
+                travel: Some(s.travel_counts / 2),
+                law: Law::Pid(["k1", "k2", "k3"]),
+            })
+        }),
+        "depth" => read(&settings, DepthSettings::check).map(|s| {
+            Some(Motor {
+                encoder: Encoder::Position("position_counts"),
+                period_ms: s.poll_ms,
+                count: s.length_mm / f64::from(s.slots),
+                unit: "mm",
+                full: (1.0, 1),
+                input_unit: "on",
+                travel: Some(s.slots / 2),
+                law: Law::OnOff,
+            })
+        }),
+        _ => return Err(KindError::Unknown { kind: kind.to_owned() }),
+    }
+    .map_err(|complaint| wrong(kind, complaint))
+}
+
 /// What is wrong with settings, and where.
 type Complaint = (String, Option<Range<usize>>);
 
