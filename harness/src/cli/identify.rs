@@ -67,8 +67,6 @@ pub(super) struct Identified {
     pub(super) identification: Identification,
     /// The rig and the motor, if it is one of a rig.
     pub(super) on_rig: Option<(RigFile, Subject)>,
-    /// The largest input that was used.
-    pub(super) largest_input: f64,
 }
 
 impl Source {
@@ -82,13 +80,12 @@ impl Source {
 
     fn from_file(&self, path: &Path, method: Option<Method>) -> anyhow::Result<Identified> {
         let Measured { data, units, axis } = csv::read(path, self.counts_per_rev)?;
-        let largest_input = data.samples().iter().map(|sample| sample.input.abs()).fold(0.0, f64::max);
         let subject = path.display().to_string();
         let what = format!("{:.3} s of data", data.seconds());
         let recordings = vec![Recording { data, closed: None, what }];
         let identification = Identification::of(subject.clone(), units, axis, recordings, method);
         let identification = identification.map_err(anyhow::Error::msg).context(subject)?;
-        Ok(Identified { identification, on_rig: None, largest_input })
+        Ok(Identified { identification, on_rig: None })
     }
 
     async fn from_rig(&self, method: Option<Method>) -> anyhow::Result<Identified> {
@@ -111,8 +108,7 @@ impl Source {
         let name = format!("{board} of {}", file.name);
         let identification = Identification::of(name.clone(), units, subject.is_axis(), recordings, method);
         let identification = identification.map_err(anyhow::Error::msg).context(name)?;
-        let largest_input = motor.full.0;
-        Ok(Identified { identification, on_rig: Some((file, subject)), largest_input })
+        Ok(Identified { identification, on_rig: Some((file, subject)) })
     }
 }
 

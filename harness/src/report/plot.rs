@@ -131,7 +131,7 @@ impl Panel {
         let (corner, crowd) = self.free_corner();
         if legend && crowd > 0 {
             // No corner is free: room is made above.
-            y.1 += (y.1 - y.0) * (0.06 + 0.055 * self.series.len() as f64 / self.height);
+            y.1 += (y.1 - y.0) * (0.04 + 0.08 * self.series.len() as f64 / self.height);
         }
         let label = ("sans-serif", 14).into_font();
         let mut chart = ChartBuilder::on(area)

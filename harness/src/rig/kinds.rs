@@ -91,13 +91,13 @@ pub enum Encoder {
     Position(&'static str),
 }
 
-/// What regulates a motor.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// What regulates a motor: its settings' names, with dots if they are in a table, and their values.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Law {
-    /// A lead compensator; the settings' names of its zero, its pole (negated) and its gain.
-    Lead([&'static str; 3]),
-    /// A PID; the settings' names of K1, K2 and K3.
-    Pid([&'static str; 3]),
+    /// A lead compensator: its zero, its pole (negated) and its gain.
+    Lead([(&'static str, f64); 3]),
+    /// A PID: K1, K2 and K3.
+    Pid([(&'static str, f64); 3]),
     /// It is switched on and off.
     OnOff,
 }
@@ -142,7 +142,7 @@ pub fn motor(kind: &str, settings: &str) -> Result<Option<Motor>, KindError> {
                 full: (s.supply_v, 1_023),
                 input_unit: "V",
                 travel: None,
-                law: Law::Lead(["alpha", "beta", "k"]),
+                law: Law::Lead([("alpha", s.alpha), ("beta", s.beta), ("k", s.k)]),
             })
         }),
         "transverse" => read(&settings, TransverseSettings::check).map(|s| {
@@ -154,7 +154,7 @@ pub fn motor(kind: &str, settings: &str) -> Result<Option<Motor>, KindError> {
                 full: (255.0, 255),
                 input_unit: "LSB",
                 travel: Some(s.travel_counts / 2),
-                law: Law::Pid(["k1", "k2", "k3"]),
+                law: Law::Pid([("k1", s.k1), ("k2", s.k2), ("k3", s.k3)]),
             })
         }),
         "depth" => read(&settings, DepthSettings::check).map(|s| {
