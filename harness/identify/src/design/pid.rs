@@ -9,7 +9,7 @@ use crate::discrete::Discrete;
 use crate::{Finding, FirstOrder, Polynomial};
 
 /// The crossover to begin with, in rad a sample. (Ours: above it a count is too large a part of the drive.)
-const CROSSOVER: f64 = 0.3;
+const CROSSOVER: f64 = 0.375;
 /// The integral is so much slower than the crossover: Ti·ωc. (Ours: it is for standing loads, not for speed.)
 const INTEGRAL: f64 = 30.0;
 
