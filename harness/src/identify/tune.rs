@@ -204,6 +204,9 @@ pub struct Tuning {
     foretold_path: Vec<(f64, f64)>,
 }
 
+/// A line of a table: its name, what it tells of something, and with how many digits.
+type Line<T, N> = (&'static str, fn(&T) -> N, usize);
+
 /// Why there is no proposal.
 #[derive(Debug, thiserror::Error)]
 pub enum TuneError {
@@ -457,8 +460,7 @@ impl Tuning {
         if self.motor.axis {
             let head = format!("{DISTANCE} counts on the rig");
             writeln!(text, "{dim}{head:<30}{:>12} {:>12}{dim:#}", "proposed", "as it is")?;
-            type Number = fn(&Seen) -> Option<f64>;
-            let lines: [(&str, Number, usize); 3] = [
+            let lines: [Line<Seen, Option<f64>>; 3] = [
                 ("following error, counts", |seen| seen.following_error_counts, 0),
                 ("overshoot, counts", |seen| seen.overshoot_counts, 0),
                 ("in position after, s", |seen| seen.in_position_s, 2),
@@ -470,7 +472,7 @@ impl Tuning {
         }
         let head = format!("0 to {} rpm on the rig", u32::from(SPEED) * 20);
         writeln!(text, "{dim}{head:<30}{:>12} {:>12} {:>12}{dim:#}", "proposed", "as it is", "foretold")?;
-        let lines: [(&str, fn(&Indices) -> f64, usize); 3] = [
+        let lines: [Line<Indices, f64>; 3] = [
             ("rise, s", |step| step.rise_s, 3),
             ("settling (2 %), s", |step| step.settling_s, 3),
             ("overshoot, %", |step| step.overshoot_percent, 1),
