@@ -5,8 +5,8 @@
 //! an encoder's whole counts. [`discrete`] is the way from s to z, [`design`] the way from there to a controller,
 //! [`response`] what it will do.
 //!
-//! Source: Peña & Martínez, "Sistema electrónico de control de un torno CNC didáctico" (2009). Its authors wished for an
-//! automatic characterisation (§5) and do not say how; what is not theirs is marked "(Ours.)".
+//! Source: Peña & Martínez, "Sistema electrónico de control de un torno CNC didáctico" (2009). Its authors wished for
+//! an automatic characterisation (§5) and do not say how; what is not theirs is marked "(Ours.)".
 
 pub mod arx;
 mod confidence;

@@ -137,5 +137,7 @@ mod tests {
         let gain = margins(&loop_of(1.0)).unwrap().gain.unwrap();
         assert_eq!(check_stable(&loop_of(0.99 * gain)), Ok(()));
         assert!(check_stable(&loop_of(1.01 * gain)).is_err());
+        let [stable, unstable] = [0.99, 1.01].map(|share| margins(&loop_of(share * gain)).unwrap().phase);
+        assert!(stable > 0.0 && stable < 5.0 && unstable < 0.0 && unstable > -5.0, "{stable} {unstable}");
     }
 }

@@ -45,7 +45,8 @@ impl Study {
 
     /// 95 of 100 are within so many %.
     fn reaches(&self, gain: f64, tau: f64) {
-        assert!(within(&self.gain) <= gain && within(&self.tau) <= tau, "{} {}", within(&self.gain), within(&self.tau));
+        let found = (within(&self.gain), within(&self.tau));
+        assert!(found.0 <= gain && found.1 <= tau, "{found:?}");
     }
 
     /// 95 % intervals hold the truth in about 95 of 100 cases. Three time constants say little of a noise that lasts for

@@ -73,12 +73,12 @@ impl Source {
     /// Gets the data and lets the methods work on them.
     pub(super) async fn identify(&self, method: Option<Method>) -> anyhow::Result<Identified> {
         match &self.from {
-            Some(path) => self.from_file(path, method),
-            None => self.from_rig(method).await,
+            Some(path) => self.read_file(path, method),
+            None => self.run_rig(method).await,
         }
     }
 
-    fn from_file(&self, path: &Path, method: Option<Method>) -> anyhow::Result<Identified> {
+    fn read_file(&self, path: &Path, method: Option<Method>) -> anyhow::Result<Identified> {
         let Measured { data, units, axis } = csv::read(path, self.counts_per_rev)?;
         let subject = path.display().to_string();
         let what = format!("{:.3} s of data", data.seconds());
@@ -88,7 +88,7 @@ impl Source {
         Ok(Identified { identification, on_rig: None })
     }
 
-    async fn from_rig(&self, method: Option<Method>) -> anyhow::Result<Identified> {
+    async fn run_rig(&self, method: Option<Method>) -> anyhow::Result<Identified> {
         let (rig, board) = match &self.rig_and_board[..] {
             [rig, board, ..] => (rig.as_str(), board.as_str()),
             [board] => (DEFAULT, board.as_str()),

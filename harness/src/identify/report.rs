@@ -486,7 +486,7 @@ mod tests {
 
     #[test]
     fn polynomials_read_as_one_writes_them() {
-        assert_eq!(polynomial(&[1.0, -1.952_783, 0.956_495], 'z'), "z^2 - 1.9528 z + 0.95650");
+        assert_eq!(polynomial(&[1.0, -1.952_783, 0.956_497], 'z'), "z^2 - 1.9528 z + 0.95650");
         assert_eq!(polynomial(&[1.0, 1.391_304, 0.0], 's'), "s^2 + 1.3913 s");
         assert_eq!(ratio(&[vec![6.785_714], vec![1.0, 0.357_143]], 's'), "6.7857/(s + 0.35714)");
         assert_eq!(digits(5_443.1), "5443.1");

@@ -1,7 +1,7 @@
 //! From a transfer function to a controller that has a wanted phase margin.
 //!
-//! The paper gives the laws (Eq. 7, 14) and no values. Both designs put the crossover as high as the sampling lets them,
-//! and give the phase that is missing there: the lead compensator by its pole, the PID by its derivative. (Ours.)
+//! The paper gives the laws (Eq. 7, 14) and no values. Both designs put the crossover as high as the sampling lets
+//! them, and give the phase that is missing there: the lead compensator by its pole, the PID by its derivative. (Ours.)
 
 mod lead;
 mod pid;
