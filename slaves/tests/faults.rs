@@ -8,7 +8,9 @@ use common::{Bench, depth, s, spindle, transverse};
 use torno_protocol::board::{Board, Output, Stimulus};
 use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{ACK, CAN, ENQ};
-use torno_protocol::time::Span;
+use torno_protocol::record::{Heard, Turn};
+use torno_protocol::stepping::Stepper;
+use torno_protocol::time::{Instant, Span};
 use torno_slaves::{Spindle, SpindleSettings, Transverse};
 
 /// Speed, distance and direction as the transverse axis gets them.
@@ -313,6 +315,16 @@ fn the_service_mode_drives_the_feed_axis_both_ways_and_leaves_it_where_it_is() {
     let rest = positions(&mut bench, 400);
     assert_eq!((bench.value("drive"), rest[398]), (0, rest[399]));
     assert!(bench.board.mute());
+}
+
+#[test]
+fn without_supply_there_is_no_service_mode() {
+    let mut board = Stepper::new(Spindle::new(&SpindleSettings::default(), Clock::TRUE));
+    let at = |ms: u64| Instant::START + Span::from_millis(ms);
+    let heard = |ms, stimulus| Heard::Stimulus { at: at(ms), stimulus };
+    let heard = vec![heard(10, Stimulus::Power(false)), heard(20, Stimulus::Drive(900))];
+    let batch = board.turn(&Turn { commit: Instant::START, until: at(500), heard }).unwrap();
+    assert!(!batch.outputs.iter().any(|timed| matches!(timed.output, Output::Telemetry { .. })), "{batch:?}");
 }
 
 #[test]

@@ -1,8 +1,8 @@
 //! How sure one may be of a fit: the covariance of its parameters, from what it leaves unexplained.
 //!
 //! What a fit leaves unexplained is neither white nor independent: a count that was rounded down is followed by one
-//! that is rounded up, and a shaft that has been pushed takes the motor's own time constant to come back. So it is taken
-//! for the sum of two noises: a slow one, white torque through the motor's pole, and a fast one. (Ours.)
+//! that is rounded up, and a shaft that has been pushed takes the motor's own time constant to come back. So it is
+//! taken for the sum of two noises: a slow one, white torque through the motor's pole, and a fast one. (Ours.)
 
 use nalgebra::{DMatrix, DVector};
 

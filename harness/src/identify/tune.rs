@@ -190,8 +190,12 @@ pub struct Tuning {
     pub settings: Vec<(String, f64)>,
     /// What it will do.
     pub forecast: Forecast,
-    /// What the rig's own controller does, or why it does not.
-    pub present: Option<Result<Forecast, String>>,
+    /// What the rig's own controller does.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub present: Option<Forecast>,
+    /// What is wrong with it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub present_finding: Option<String>,
     /// On the rig, as foretold: the main motor from rest to 2000 rpm, the drive within its limits.
     pub foretold: Option<Indices>,
     /// On the rig, with what is proposed.
@@ -265,6 +269,7 @@ impl Tuning {
             settings,
             forecast,
             present: None,
+            present_finding: None,
             foretold: None,
             shown: None,
             shown_present: None,
@@ -279,8 +284,11 @@ impl Tuning {
 
     async fn show(&mut self, file: &RigFile, subject: &Subject, model: &FirstOrder) -> Result<(), TuneError> {
         let present = Controller::of(&subject.motor.law);
-        let forecast = |controller| Forecast::of(&controller, model, self.motor.period_s);
-        self.present = present.map(|controller| forecast(controller).map_err(|finding| finding.to_string()));
+        match present.map(|controller| Forecast::of(&controller, model, self.motor.period_s)) {
+            Some(Ok(forecast)) => self.present = Some(forecast),
+            Some(Err(finding)) => self.present_finding = Some(finding.to_string()),
+            None => {}
+        }
         if let Controller::Lead(lead) = self.controller {
             let wanted = f64::from(SPEED) * 20.0 * core::f64::consts::TAU / 60.0;
             let windows = (WATCHED as f64 / self.motor.period_s) as usize;
@@ -427,7 +435,7 @@ impl Tuning {
         writeln!(text, "{:<10}{law}: {bold}{}{bold:#}", "proposed", self.controller)?;
         writeln!(text)?;
         writeln!(text, "{dim}{:<30}{:>12} {:>12}{dim:#}", "", "proposed", "as it is")?;
-        let present = self.present.as_ref().and_then(|present| present.as_ref().ok());
+        let present = self.present.as_ref();
         let mut line = |name: &str, number: &dyn Fn(&Forecast) -> Option<String>| {
             let of = |forecast: Option<&Forecast>| forecast.and_then(number).unwrap_or_else(|| "-".to_owned());
             writeln!(text, "{name:<30}{:>12} {:>12}", of(Some(&self.forecast)), of(present))
@@ -440,7 +448,7 @@ impl Tuning {
         line("small step: rise, s", &|f| f.small_step.map(|step| format!("{:.3}", step.rise_s)))?;
         line("  settling (2 %), s", &|f| f.small_step.map(|step| format!("{:.3}", step.settling_s)))?;
         line("  overshoot, %", &|f| f.small_step.map(|step| format!("{:.1}", step.overshoot_percent)))?;
-        if let Some(Err(finding)) = &self.present {
+        if let Some(finding) = &self.present_finding {
             writeln!(text, "{warn}as it is: {finding}{warn:#}")?;
         }
         if let (Some(shown), Some(present)) = (&self.shown, &self.shown_present) {
