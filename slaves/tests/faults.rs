@@ -318,6 +318,31 @@ fn the_service_mode_drives_the_feed_axis_both_ways_and_leaves_it_where_it_is() {
 }
 
 #[test]
+fn a_move_waits_for_the_end_of_the_service_mode() {
+    let mut bench = transverse();
+    bench.send(&way(9_000));
+    bench.run_ms(s(1));
+    bench.stimulus(Stimulus::Drive(-500));
+    bench.run_ms(s(3));
+    assert!(bench.value("position_counts") < -3_000 && bench.value("drive") == -128);
+    bench.stimulus(Stimulus::Drive(0));
+    assert!(bench.run_until_mute(60));
+    assert!((bench.value("position_counts") - 9_000).abs() <= 1, "{}", bench.value("position_counts"));
+
+    // Driven through its target, an axis is not done either.
+    let mut bench = depth();
+    bench.send(&slots(5));
+    bench.stimulus(Stimulus::Drive(1_000));
+    bench.run_ms(s(20));
+    assert!(bench.value("position_counts") > 25 && bench.value("drive") == 1);
+    let before = bench.events();
+    bench.stimulus(Stimulus::Drive(0));
+    assert!(bench.run_until_mute(60));
+    assert!((bench.value("position_counts") - 5).abs() <= 1, "{}", bench.value("position_counts"));
+    assert_ne!(bench.events(), before);
+}
+
+#[test]
 fn without_supply_there_is_no_service_mode() {
     let mut board = Stepper::new(Spindle::new(&SpindleSettings::default(), Clock::TRUE));
     let at = |ms: u64| Instant::START + Span::from_millis(ms);
