@@ -31,9 +31,11 @@ pub(super) struct Arguments {
 /// Where the data come from.
 #[derive(Debug, clap::Args)]
 pub(super) struct Source {
-    /// A built-in rig or a rig file [default: lathe], and a board of it that drives a motor
-    #[arg(value_names = ["RIG", "BOARD"], num_args = 0..=2, required_unless_present = "from", conflicts_with = "from")]
-    rig_and_board: Vec<String>,
+    /// A built-in rig or a rig file [default: lathe]
+    #[arg(required_unless_present = "from", conflicts_with = "from")]
+    rig: Option<String>,
+    /// A board of it that drives a motor; a single word is one
+    board: Option<String>,
     /// What the motor is driven with [default: both]
     #[arg(long, value_enum, conflicts_with = "from")]
     input: Option<Excitation>,
@@ -89,10 +91,10 @@ impl Source {
     }
 
     async fn run_rig(&self, method: Option<Method>) -> anyhow::Result<Identified> {
-        let (rig, board) = match &self.rig_and_board[..] {
-            [rig, board, ..] => (rig.as_str(), board.as_str()),
-            [board] => (DEFAULT, board.as_str()),
-            [] => anyhow::bail!("expected a board"),
+        let (rig, board) = match (self.rig.as_deref(), self.board.as_deref()) {
+            (Some(rig), Some(board)) => (rig, board),
+            (Some(board), None) => (DEFAULT, board),
+            (None, _) => anyhow::bail!("expected a board"),
         };
         let file = RigFile::load(rig)?;
         let subject = Subject::find(&file, board)?;

@@ -83,8 +83,8 @@ impl Controller {
 impl fmt::Display for Controller {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Lead(lead) => write!(f, "{lead}"),
-            Self::Pid(pid) => write!(f, "{pid}"),
+            Self::Lead(Lead { alpha, beta, k }) => write!(f, "alpha {alpha}, beta {beta}, k {k}"),
+            Self::Pid(Pid { k1, k2, k3 }) => write!(f, "k1 {k1}, k2 {k2}, k3 {k3}"),
         }
     }
 }
@@ -434,11 +434,13 @@ impl Tuning {
         let law = if *axis { "PID (Eq 13, 14)" } else { "lead compensator, incremental (Eq 7)" };
         writeln!(text, "{:<10}{law}: {bold}{}{bold:#}", "proposed", self.controller)?;
         writeln!(text)?;
-        writeln!(text, "{dim}{:<30}{:>12} {:>12}{dim:#}", "", "proposed", "as it is")?;
+        // Without a rig there is nothing beside it.
+        let beside = |cell: String| if self.shown.is_some() { format!(" {cell:>12}") } else { String::new() };
+        writeln!(text, "{dim}{:<30}{:>12}{}{dim:#}", "", "proposed", beside("as it is".to_owned()))?;
         let present = self.present.as_ref();
         let mut line = |name: &str, number: &dyn Fn(&Forecast) -> Option<String>| {
             let of = |forecast: Option<&Forecast>| forecast.and_then(number).unwrap_or_else(|| "-".to_owned());
-            writeln!(text, "{name:<30}{:>12} {:>12}", of(Some(&self.forecast)), of(present))
+            writeln!(text, "{name:<30}{:>12}{}", of(Some(&self.forecast)), beside(of(present)))
         };
         line("crossover, rad/s", &|f| Some(format!("{:.2}", f.crossover_rad_per_s)))?;
         line("phase margin, degrees", &|f| Some(format!("{:.1}", f.phase_margin_deg)))?;

@@ -99,12 +99,6 @@ impl Lead {
     }
 }
 
-impl core::fmt::Display for Lead {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        write!(f, "alpha {:.4}, beta {:.4}, k {:.4}", self.alpha, self.beta, self.k)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use nalgebra::Complex;

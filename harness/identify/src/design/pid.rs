@@ -65,12 +65,6 @@ impl Pid {
     }
 }
 
-impl core::fmt::Display for Pid {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        write!(f, "k1 {:.4}, k2 {:.4}, k3 {:.4}", self.k1, self.k2, self.k3)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
