@@ -3,13 +3,14 @@
 //!
 //! [`rig`] is the running rig, [`engine`] decides how far each board may run, [`pace`] holds time back to the wall
 //! clock, [`play`] plays a program through, [`live`] keeps a rig up for somebody's own software at the [`port`],
-//! [`trace`] is the record of either.
+//! [`trace`] is the record of either. [`identify`] characterises the motors of a rig, and tunes their controllers.
 
 mod channel;
 pub mod condition;
 pub mod control;
 pub mod engine;
 pub mod fault;
+pub mod identify;
 pub mod live;
 pub mod observe;
 pub mod pace;

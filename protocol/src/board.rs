@@ -127,6 +127,11 @@ pub enum Stimulus {
     /// a [`Stimulus::Reset`] or [`Stimulus::Power`] that falls into it happens when the process goes on. The stepping
     /// loop sees to it; boards are not told.
     Stop(bool),
+    /// The service mode in which motors are characterised: the firmware drives with so many per mille of full drive,
+    /// negative the other way round, from now on and whatever its control law says, which stands still meanwhile; 0 and
+    /// a reset end it. (Ours: the paper's motors were characterised on the bench, by hand.) Boards without a motor
+    /// ignore it; one that drives in one sense only takes a negative one for none.
+    Drive(i32),
 }
 
 /// What a board does.

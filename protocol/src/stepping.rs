@@ -222,7 +222,7 @@ impl<B: Board> Cell<B> {
                 let tuned = self.board.receivers();
                 self.receivers.iter_mut().zip(&tuned).for_each(|(receiver, tuned)| receiver.retune(tuned, at));
             }
-            Stimulus::Reset | Stimulus::Write(_) | Stimulus::Discard if self.off => {}
+            Stimulus::Reset | Stimulus::Write(_) | Stimulus::Discard | Stimulus::Drive(_) if self.off => {}
             _ => self.input(at, Input::Stimulus(stimulus), emit),
         }
     }

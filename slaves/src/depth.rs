@@ -6,7 +6,7 @@ use torno_protocol::lathe::{DepthPart, Fault, Refusal};
 use torno_protocol::time::Instant;
 
 use crate::control::OnOff;
-use crate::drive::Bridge;
+use crate::drive::{self, Bridge};
 use crate::encoder::{Counter, Encoder};
 use crate::plant::PositionMotor;
 use crate::settings::DepthSettings;
@@ -40,6 +40,8 @@ pub struct DepthMachine {
     /// Where the slide was when the firmware last counted, by the true count.
     carriage: i64,
     firmware: Firmware,
+    /// The drive of the service mode; 0 without it.
+    service: i64,
 }
 
 #[derive(Clone, Debug)]
@@ -108,6 +110,7 @@ impl DepthMachine {
             counter: Counter::new(encoder),
             carriage: 0,
             firmware: Firmware::new(settings),
+            service: 0,
         }
     }
 
@@ -119,8 +122,12 @@ impl DepthMachine {
         self.firmware.count != before
     }
 
+    fn drive(&self) -> i64 {
+        if self.service == 0 { self.firmware.law.drive() } else { self.service }
+    }
+
     fn apply(&mut self) {
-        self.motor.drive(self.speed_mm_per_s * Bridge::set(self.firmware.law.drive()).drive());
+        self.motor.drive(self.speed_mm_per_s * Bridge::set(self.drive()).drive());
     }
 }
 
@@ -129,7 +136,7 @@ impl Machine<{ DepthPart::LENGTH }, 4> for DepthMachine {
 
     fn values(&self) -> [i64; 4] {
         let offset = self.carriage.saturating_sub(self.firmware.count);
-        [self.firmware.count, self.firmware.remaining(), self.firmware.law.drive(), offset]
+        [self.firmware.count, self.firmware.remaining(), self.drive(), offset]
     }
 
     fn start(&mut self, now: Instant, part: [u8; DepthPart::LENGTH]) -> Result<(), Refusal> {
@@ -142,7 +149,7 @@ impl Machine<{ DepthPart::LENGTH }, 4> for DepthMachine {
 
     fn sample(&mut self, now: Instant, busy: bool) -> Progress {
         let moved = self.advance(now);
-        if !busy {
+        if !busy || self.service != 0 {
             return Progress::Going;
         }
         let end_stop = self.motor.end_stop();
@@ -167,6 +174,11 @@ impl Machine<{ DepthPart::LENGTH }, 4> for DepthMachine {
         self.motor.advance(now);
         match stimulus {
             Stimulus::Counts(counts) => self.counter.invent(self.motor.carriage(), *counts),
+            // The motor is switched on or off, nothing between.
+            Stimulus::Drive(per_mille) => {
+                self.service = drive::service(*per_mille, 1.0);
+                self.apply();
+            }
             _ => self.motor.disturb(stimulus, |counts| self.encoder.way(counts)),
         }
     }
@@ -180,10 +192,11 @@ impl Machine<{ DepthPart::LENGTH }, 4> for DepthMachine {
     fn reset(&mut self, now: Instant) {
         self.advance(now);
         self.firmware.switch_off();
+        self.service = 0;
         self.apply();
     }
 
     fn is_at_rest(&self) -> bool {
-        self.firmware.law.drive() == 0 && self.counter.count_at(self.motor.carriage_coast_end()) == self.firmware.count
+        self.drive() == 0 && self.counter.count_at(self.motor.carriage_coast_end()) == self.firmware.count
     }
 }

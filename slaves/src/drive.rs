@@ -5,6 +5,11 @@ fn full(bits: u32) -> f64 {
     f64::from((1_u32 << bits.min(24)) - 1)
 }
 
+/// A drive in per mille of the fullest, in LSB: never more than the fullest, either way.
+pub(crate) fn service(per_mille: i32, full: f64) -> i64 {
+    (f64::from(per_mille.clamp(-1_000, 1_000)) / 1_000.0 * full).round() as i64
+}
+
 /// A pulse-width modulator on one transistor: it drives one way, or lets the motor coast (§4).
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Pwm {
@@ -19,6 +24,11 @@ impl Pwm {
     /// The nearest width to a share of the whole period, in LSB.
     pub(crate) fn width(self, share: f64) -> i64 {
         (share * self.full).round().max(0.0).min(self.full) as i64
+    }
+
+    /// The longest width, in LSB.
+    pub(crate) fn full(self) -> f64 {
+        self.full
     }
 
     /// The share of the whole period that a width is.

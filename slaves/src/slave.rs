@@ -119,7 +119,8 @@ impl<M: Machine<N, S>, const N: usize, const S: usize> Slave<M, N, S> {
             | Stimulus::Load(_)
             | Stimulus::Supply(_)
             | Stimulus::Backlash(_)
-            | Stimulus::EndStop(_) => {
+            | Stimulus::EndStop(_)
+            | Stimulus::Drive(_) => {
                 self.machine.disturb(now, stimulus);
                 self.sample_unless_at_rest(now);
             }

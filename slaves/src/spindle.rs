@@ -6,7 +6,7 @@ use torno_protocol::lathe::{Fault, Refusal, SpindlePart};
 use torno_protocol::time::Instant;
 
 use crate::control::Lead;
-use crate::drive::Pwm;
+use crate::drive::{self, Pwm};
 use crate::encoder::{Counter, Encoder};
 use crate::plant::SpeedMotor;
 use crate::settings::{SpindleController, SpindleSettings};
@@ -62,6 +62,8 @@ struct Firmware {
     sum: i64,
     empty: u32,
     drive: i64,
+    /// The drive of the service mode; 0 without it.
+    service: i64,
 }
 
 impl Firmware {
@@ -82,6 +84,7 @@ impl Firmware {
             sum: 0,
             empty: 0,
             drive: 0,
+            service: 0,
         }
     }
 
@@ -105,6 +108,10 @@ impl Firmware {
 
     /// The control law: the pulse's width for the next window, as a share of the whole.
     fn control(&mut self) -> f64 {
+        if self.service != 0 {
+            self.drive = self.service;
+            return self.pwm.share(self.drive);
+        }
         if self.set_point_rpm == 0 {
             self.lead.reset();
             self.drive = 0;
@@ -137,6 +144,7 @@ impl Firmware {
         self.empty = 0;
         self.lead.reset();
         self.drive = 0;
+        self.service = 0;
     }
 }
 
@@ -199,6 +207,12 @@ impl Machine<{ SpindlePart::LENGTH }, 4> for SpindleMachine {
             Stimulus::Counts(counts) => self.counter.invent(self.motor.angle_rev(), *counts),
             Stimulus::Load(per_mille) => self.motor.set_load(*per_mille),
             Stimulus::Supply(per_mille) => self.motor.set_supply(*per_mille),
+            Stimulus::Drive(per_mille) => {
+                let firmware = &mut self.firmware;
+                firmware.service = drive::service(*per_mille, firmware.pwm.full()).max(0);
+                firmware.drive = firmware.service;
+                self.motor.drive(firmware.pwm.share(firmware.drive) * self.supply_v);
+            }
             _ => {}
         }
     }

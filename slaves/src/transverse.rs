@@ -6,7 +6,7 @@ use torno_protocol::lathe::{Fault, Refusal, TransversePart};
 use torno_protocol::time::Instant;
 
 use crate::control::{Gains, Pid, Profile};
-use crate::drive::Bridge;
+use crate::drive::{self, Bridge};
 use crate::encoder::{Counter, Encoder};
 use crate::plant::{PositionMotor, SampledPlant};
 use crate::settings::{PositionModel, TransverseController, TransverseSettings};
@@ -37,6 +37,8 @@ pub struct TransverseMachine {
     /// Eq. 12, if it stands in the motor's place.
     sampled: Option<SampledPlant>,
     counts_per_s_per_lsb: f64,
+    /// The fullest drive, in LSB.
+    full: f64,
     /// On the motor's shaft (§4: 900 slots a revolution), so that it does not see backlash.
     encoder: Encoder,
     counter: Counter,
@@ -62,6 +64,8 @@ struct Firmware {
     settled_samples: u32,
     stall_samples: u32,
     drive: i64,
+    /// The drive of the service mode; 0 without it.
+    service: i64,
 }
 
 impl Firmware {
@@ -83,6 +87,7 @@ impl Firmware {
             settled_samples: SETTLED_MS.div_ceil(sample_ms),
             stall_samples: STALL_MS.div_ceil(sample_ms),
             drive: 0,
+            service: 0,
         }
     }
 
@@ -98,6 +103,7 @@ impl Firmware {
     fn let_go(&mut self, count: i64) {
         self.holding = false;
         self.drive = 0;
+        self.service = 0;
         self.pid.reset();
         self.stand_at(count);
     }
@@ -147,6 +153,7 @@ impl TransverseMachine {
                 .with_backlash(settings.counts(plant.backlash_mm)),
             sampled,
             counts_per_s_per_lsb: full / Bridge::full(drive.bits),
+            full: Bridge::full(drive.bits),
             encoder,
             counter: Counter::new(encoder),
             carriage: 0,
@@ -214,6 +221,11 @@ impl Machine<{ TransversePart::LENGTH }, 4> for TransverseMachine {
 
     fn sample(&mut self, now: Instant, busy: bool) -> Progress {
         let count = self.advance(now);
+        if self.firmware.service != 0 {
+            self.firmware.count = count;
+            self.drive();
+            return Progress::Going;
+        }
         if !self.firmware.holding {
             self.firmware.stand_at(count);
             self.drive();
@@ -247,6 +259,11 @@ impl Machine<{ TransversePart::LENGTH }, 4> for TransverseMachine {
         self.motor.advance(now);
         match stimulus {
             Stimulus::Counts(counts) => self.counter.invent(self.position(), *counts),
+            Stimulus::Drive(per_mille) => {
+                self.firmware.service = drive::service(*per_mille, self.full);
+                self.firmware.drive = self.firmware.service;
+                self.drive();
+            }
             _ => self.motor.disturb(stimulus, |counts| self.encoder.way(counts)),
         }
     }

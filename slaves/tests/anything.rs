@@ -61,6 +61,7 @@ fn faults() -> impl Strategy<Value = Stimulus> {
         (0..2_000u16).prop_map(Stimulus::Supply),
         (0..300u16).prop_map(Stimulus::Backlash),
         (-40_000..40_000i32).prop_map(Stimulus::EndStop),
+        (-1_200..1_200i32).prop_map(Stimulus::Drive),
         any::<bool>().prop_map(Stimulus::Power),
         clocks().prop_map(Stimulus::Clock),
         // Any number that can be written down.
@@ -70,8 +71,14 @@ fn faults() -> impl Strategy<Value = Stimulus> {
 }
 
 /// What puts everything right again.
-const HEALED: [Stimulus; 5] =
-    [Stimulus::Stall(false), Stimulus::Load(0), Stimulus::Supply(1_000), Stimulus::Backlash(0), Stimulus::EndStop(0)];
+const HEALED: [Stimulus; 6] = [
+    Stimulus::Drive(0),
+    Stimulus::Stall(false),
+    Stimulus::Load(0),
+    Stimulus::Supply(1_000),
+    Stimulus::Backlash(0),
+    Stimulus::EndStop(0),
+];
 
 fn perform<B: Board>(bench: &mut Bench<B>, act: Act) {
     match act {

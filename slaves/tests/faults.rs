@@ -8,8 +8,10 @@ use common::{Bench, depth, s, spindle, transverse};
 use torno_protocol::board::{Board, Output, Stimulus};
 use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{ACK, CAN, ENQ};
-use torno_protocol::time::Span;
-use torno_slaves::{Spindle, SpindleSettings};
+use torno_protocol::record::{Heard, Turn};
+use torno_protocol::stepping::Stepper;
+use torno_protocol::time::{Instant, Span};
+use torno_slaves::{Spindle, SpindleSettings, Transverse};
 
 /// Speed, distance and direction as the transverse axis gets them.
 fn way(distance: i32) -> [u8; 4] {
@@ -267,4 +269,97 @@ fn another_oscillator_changes_the_window_and_the_bit() {
     assert_eq!(character, Some(Span::from_nanos(946_970)));
     let fresh = Spindle::new(&SpindleSettings::default(), fast);
     assert_eq!(bench.board.receivers()[0].lookahead(), fresh.receivers()[0].lookahead());
+}
+
+/// The position after each of so many samples of 30 ms.
+fn positions(bench: &mut Bench<Transverse>, samples: usize) -> Vec<i64> {
+    let sample = |_| {
+        bench.run_ms(30);
+        bench.value("position_counts")
+    };
+    (0..samples).map(sample).collect()
+}
+
+/// §4: 20 V for 10 s; Eq. 2 with km = 19 and τ = 2.8 s. 682 of 1023 LSB are 20.0 V.
+#[test]
+fn the_service_mode_drives_the_main_motor_whatever_its_law_says() {
+    let mut bench = spindle();
+    bench.send(&[200]);
+    bench.stimulus(Stimulus::Drive(667));
+    assert_eq!(bench.value("drive"), 682);
+    bench.run_ms(s(30));
+    let rpm = 380.0 * 60.0 / core::f64::consts::TAU;
+    assert!((bench.value("speed_rpm") as f64 - rpm).abs() <= 5.0, "{}", bench.value("speed_rpm"));
+    // The law regulates on from where it stood.
+    bench.stimulus(Stimulus::Drive(0));
+    bench.run_ms(s(20));
+    assert_eq!(bench.value("speed_rpm"), 4_000);
+    // One quadrant: it does not brake.
+    bench.stimulus(Stimulus::Drive(-500));
+    bench.run_ms(s(20));
+    assert_eq!(bench.value("speed_rpm"), 4_000);
+}
+
+/// Ramps of K0·u after a lag of τ: 200 LSB · 29.41 counts/s each way.
+#[test]
+fn the_service_mode_drives_the_feed_axis_both_ways_and_leaves_it_where_it_is() {
+    let mut bench = transverse();
+    bench.stimulus(Stimulus::Drive(784));
+    assert_eq!(bench.value("drive"), 200);
+    let there = positions(&mut bench, 150);
+    assert!((there[149] - there[148] - 176).abs() <= 2, "{there:?}");
+    bench.stimulus(Stimulus::Drive(-784));
+    let back = positions(&mut bench, 150);
+    assert!((back[149] - back[148] + 176).abs() <= 2, "{back:?}");
+    bench.stimulus(Stimulus::Drive(0));
+    let rest = positions(&mut bench, 400);
+    assert_eq!((bench.value("drive"), rest[398]), (0, rest[399]));
+    assert!(bench.board.mute());
+}
+
+#[test]
+fn a_move_waits_for_the_end_of_the_service_mode() {
+    let mut bench = transverse();
+    bench.send(&way(9_000));
+    bench.run_ms(s(1));
+    bench.stimulus(Stimulus::Drive(-500));
+    bench.run_ms(s(3));
+    assert!(bench.value("position_counts") < -3_000 && bench.value("drive") == -128);
+    bench.stimulus(Stimulus::Drive(0));
+    assert!(bench.run_until_mute(60));
+    assert!((bench.value("position_counts") - 9_000).abs() <= 1, "{}", bench.value("position_counts"));
+
+    // Driven through its target, an axis is not done either.
+    let mut bench = depth();
+    bench.send(&slots(5));
+    bench.stimulus(Stimulus::Drive(1_000));
+    bench.run_ms(s(20));
+    assert!(bench.value("position_counts") > 25 && bench.value("drive") == 1);
+    let before = bench.events();
+    bench.stimulus(Stimulus::Drive(0));
+    assert!(bench.run_until_mute(60));
+    assert!((bench.value("position_counts") - 5).abs() <= 1, "{}", bench.value("position_counts"));
+    assert_ne!(bench.events(), before);
+}
+
+#[test]
+fn without_supply_there_is_no_service_mode() {
+    let mut board = Stepper::new(Spindle::new(&SpindleSettings::default(), Clock::TRUE));
+    let at = |ms: u64| Instant::START + Span::from_millis(ms);
+    let heard = |ms, stimulus| Heard::Stimulus { at: at(ms), stimulus };
+    let heard = vec![heard(10, Stimulus::Power(false)), heard(20, Stimulus::Drive(900))];
+    let batch = board.turn(&Turn { commit: Instant::START, until: at(500), heard }).unwrap();
+    assert!(!batch.outputs.iter().any(|timed| matches!(timed.output, Output::Telemetry { .. })), "{batch:?}");
+}
+
+#[test]
+fn the_infeed_motor_is_switched_on_and_off_in_service_mode_and_a_reset_ends_it() {
+    let mut bench = depth();
+    bench.stimulus(Stimulus::Drive(-1_000));
+    bench.run_ms(s(10));
+    // 0.2667 mm/s for 9.95 s, in slots of 0.1778 mm.
+    assert_eq!((bench.value("position_counts"), bench.value("drive")), (-15, -1));
+    bench.stimulus(Stimulus::Reset);
+    bench.run_ms(s(10));
+    assert_eq!((bench.value("position_counts"), bench.value("drive")), (-15, 0));
 }

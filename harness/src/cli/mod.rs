@@ -3,12 +3,14 @@
 mod board;
 mod ctl;
 mod diff;
+mod identify;
 mod replay;
 mod run;
 mod send;
 mod sweep;
 mod test;
 mod trace;
+mod tune;
 mod up;
 
 use std::fs::File;
@@ -70,6 +72,10 @@ enum Command {
     Test(test::Arguments),
     /// Runs a scenario over seeds, and over ranges of whatever its files say.
     Sweep(sweep::Arguments),
+    /// Finds the transfer function of a board's motor: from its own encoder, or from a file.
+    Identify(identify::Arguments),
+    /// Proposes a controller for a board's motor, says what it will do, and shows it on the rig.
+    Tune(tune::Arguments),
     /// Prints a recorded trace as a bus analyser would, or exports it.
     Trace(trace::Arguments),
     /// Lets a recorded session happen again, and checks that the same comes of it.
@@ -95,6 +101,8 @@ pub(crate) fn main(started: Instant) -> ExitCode {
             Command::Send(arguments) => arguments.run(started).await,
             Command::Test(arguments) => arguments.run(),
             Command::Sweep(arguments) => arguments.run(),
+            Command::Identify(arguments) => arguments.run().await,
+            Command::Tune(arguments) => arguments.run().await,
             Command::Trace(arguments) => arguments.run(),
             Command::Replay(arguments) => arguments.run(started).await,
             Command::Diff(arguments) => arguments.run(),

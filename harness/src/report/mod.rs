@@ -1,5 +1,6 @@
 //! What a person, or a program, is told at the end of a run and on the way.
 
+pub mod plot;
 mod progress;
 mod stats;
 mod summary;

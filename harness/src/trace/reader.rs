@@ -244,6 +244,7 @@ mod tests {
             any::<u16>().prop_map(Stimulus::Supply),
             any::<u16>().prop_map(Stimulus::Backlash),
             any::<i32>().prop_map(Stimulus::EndStop),
+            any::<i32>().prop_map(Stimulus::Drive),
             prop::collection::vec(any::<u8>(), 0..20).prop_map(Stimulus::Write),
             (any::<u32>(), any::<bool>()).prop_map(|(baud, ixon)| Stimulus::Configure { baud, ixon }),
         ];

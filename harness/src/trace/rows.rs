@@ -346,6 +346,8 @@ fn stimulus_text(stimulus: &Stimulus) -> String {
         Stimulus::Backlash(counts) => format!("backlash {counts} counts"),
         Stimulus::EndStop(0) => "way free".to_owned(),
         Stimulus::EndStop(counts) => format!("end stop at {counts:+} counts"),
+        Stimulus::Drive(0) => "service mode ends".to_owned(),
+        Stimulus::Drive(drive) => format!("service mode: drive {drive} per mille"),
     }
 }
 

@@ -128,7 +128,7 @@ impl DepthSettings {
     }
 
     /// Slots in a mm.
-    pub(crate) fn slots_per_mm(&self) -> f64 {
+    pub fn slots_per_mm(&self) -> f64 {
         f64::from(self.encoder.slots) / self.encoder.length_mm
     }
 

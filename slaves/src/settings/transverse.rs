@@ -235,7 +235,7 @@ impl TransverseSettings {
     }
 
     /// So many mm of carriage in counts.
-    pub(crate) fn counts(&self, mm: f64) -> f64 {
+    pub fn counts(&self, mm: f64) -> f64 {
         mm / self.plant.pitch_mm * f64::from(self.encoder.slots_per_rev)
     }
 

@@ -1,5 +1,7 @@
 //! The kinds of boards: the one place that knows what each is made of.
 
+pub mod motor;
+
 use std::ops::Range;
 
 use serde::Serialize;
@@ -75,11 +77,37 @@ pub fn build(kind: &str, settings: &str, clock: Clock) -> Result<Box<dyn Steps>,
 /// # Errors
 /// As there.
 pub fn build_parsed(kind: &str, settings: &Spanned<DeValue<'_>>, clock: Clock) -> Result<Box<dyn Steps>, KindError> {
+    Ok(match parsed(kind, settings)? {
+        Settings::Master(s) => boxed(Master::new(&s, clock)),
+        Settings::Spindle(s) => boxed(Spindle::new(&s, clock)),
+        Settings::Transverse(s) => boxed(Transverse::new(&s, clock)),
+        Settings::Depth(s) => boxed(Depth::new(&s, clock)),
+    })
+}
+
+/// The settings of a board of that kind. `settings` is TOML.
+///
+/// # Errors
+/// [`KindError`] if there is no such kind, or they are wrong.
+pub(super) fn settings_of(kind: &str, settings: &str) -> Result<Settings, KindError> {
+    let table = DeTable::parse(settings).map_err(|error| wrong(kind, of_toml(&error)))?;
+    parsed(kind, &Spanned::new(table.span(), DeValue::Table(table.into_inner())))
+}
+
+/// The settings of a board of each kind.
+pub(super) enum Settings {
+    Master(MasterSettings),
+    Spindle(SpindleSettings),
+    Transverse(TransverseSettings),
+    Depth(DepthSettings),
+}
+
+fn parsed(kind: &str, settings: &Spanned<DeValue<'_>>) -> Result<Settings, KindError> {
     match kind {
-        "master" => read(settings, MasterSettings::check).map(|s| boxed(Master::new(&s, clock))),
-        "spindle" => read(settings, SpindleSettings::check).map(|s| boxed(Spindle::new(&s, clock))),
-        "transverse" => read(settings, TransverseSettings::check).map(|s| boxed(Transverse::new(&s, clock))),
-        "depth" => read(settings, DepthSettings::check).map(|s| boxed(Depth::new(&s, clock))),
+        "master" => read(settings, MasterSettings::check).map(Settings::Master),
+        "spindle" => read(settings, SpindleSettings::check).map(Settings::Spindle),
+        "transverse" => read(settings, TransverseSettings::check).map(Settings::Transverse),
+        "depth" => read(settings, DepthSettings::check).map(Settings::Depth),
         _ => return Err(KindError::Unknown { kind: kind.to_owned() }),
     }
     .map_err(|complaint| wrong(kind, complaint))

@@ -1,0 +1,106 @@
+//! The transverse motor's law (Eq. 13 and 14): a PID on position.
+
+use core::f64::consts::PI;
+
+use nalgebra::{Complex, Matrix2, Vector2};
+
+use super::{LOWER, TRIES};
+use crate::discrete::Discrete;
+use crate::{Finding, FirstOrder, Polynomial};
+
+/// The crossover to begin with, in rad a sample. (Ours: above it a count is too large a part of the drive.)
+const CROSSOVER: f64 = 0.375;
+/// The integral is so much slower than the crossover: Ti·ωc. (Ours: it is for standing loads, not for speed.)
+const INTEGRAL: f64 = 30.0;
+
+/// u(k) = K1·x(k) + K2·I(k) + K3/T·(x(k) − x(k−1)), I(k) = I(k−1) + T·x(k).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pid {
+    /// Kp, in units of input per count.
+    pub k1: f64,
+    /// Kp/Ti, in units of input per count and s.
+    pub k2: f64,
+    /// Kp·Td, in units of input·s per count.
+    pub k3: f64,
+}
+
+impl Pid {
+    /// A PID for an axis whose position is counted every `period` seconds.
+    ///
+    /// # Errors
+    /// [`Finding::NoController`] if there is none with this phase margin, in degrees.
+    pub fn design(model: &FirstOrder, period: f64, phase_margin: f64) -> Result<Self, Finding> {
+        let mut crossover = CROSSOVER / period;
+        for _ in 0..TRIES {
+            if let Some(pid) = Self::with_crossover(model, period, phase_margin, crossover) {
+                return Ok(pid);
+            }
+            crossover *= LOWER;
+        }
+        Err(Finding::NoController { law: "PID", margin: phase_margin, crossover: crossover.round() })
+    }
+
+    /// At the crossover the PID must be 1/|G| long and turn by what is missing: two equations for K1 and K3.
+    fn with_crossover(model: &FirstOrder, period: f64, phase_margin: f64, crossover: f64) -> Option<Self> {
+        let (sin, cos) = libm::sincos((phase_margin - 180.0) * PI / 180.0);
+        let wanted = Complex::new(cos, sin) / Discrete::position(model, period).at_frequency(crossover);
+        let (sin, cos) = libm::sincos(crossover * period);
+        let z = Complex::new(cos, sin);
+        let ti = INTEGRAL / crossover;
+        let steady = z / (z - 1.0) * (period / ti) + 1.0;
+        let slope = (z - 1.0) / z / period;
+        let gains =
+            Matrix2::new(steady.re, slope.re, steady.im, slope.im).lu().solve(&Vector2::new(wanted.re, wanted.im))?;
+        let pid = Self { k1: gains[0], k2: gains[0] / ti, k3: gains[1] };
+        (pid.k1 > 0.0 && pid.k3 >= 0.0).then_some(pid)
+    }
+
+    /// The PID and the axis.
+    pub fn open_loop(&self, model: &FirstOrder, period: f64) -> Discrete {
+        let d = self.k3 / period;
+        let numerator = vec![self.k1 + self.k2 * period + d, -self.k1 - 2.0 * d, d];
+        let denominator = Polynomial(vec![1.0, -1.0, 0.0]);
+        let pid = Discrete { numerator: Polynomial(numerator), denominator, period };
+        pid.times(&Discrete::position(model, period))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::response::{check_stable, margins};
+
+    const AXIS: FirstOrder = FirstOrder { gain: 7_500.0 / 255.0, tau: 0.718_75 };
+    const DEFAULT: Pid = Pid { k1: 1.5, k2: 0.5, k3: 0.27 };
+
+    /// The board's default, with all of the integral active.
+    #[test]
+    fn the_default_has_the_poles_that_it_should() {
+        let poles = DEFAULT.open_loop(&AXIS, 0.030).closed_poles();
+        let near =
+            |pole: Complex<f64>, re: f64, im: f64| (pole.re - re).abs() < 2e-4 && (pole.im.abs() - im).abs() < 2e-4;
+        assert!(
+            near(poles[0], 0.9894, 0.0) && near(poles[1], 0.7437, 0.0778) && near(poles[3], 0.2914, 0.0),
+            "{poles:?}"
+        );
+    }
+
+    #[test]
+    fn a_designed_pid_has_the_margin_that_was_asked_for() {
+        for (gain, tau, period) in [(29.41, 0.71875, 0.030), (29.41, 0.71875, 0.005), (2.0, 0.1, 0.010)] {
+            for wanted in [45.0, 60.0] {
+                let axis = FirstOrder { gain, tau };
+                let open = Pid::design(&axis, period, wanted).unwrap().open_loop(&axis, period);
+                check_stable(&open).unwrap();
+                assert!((margins(&open).unwrap().phase - wanted).abs() < 0.1, "{gain} {tau} {period} {wanted}");
+            }
+        }
+    }
+
+    #[test]
+    fn too_much_gain_is_found_to_be_unstable() {
+        let wild = Pid { k1: 30.0, ..DEFAULT };
+        let Err(finding) = check_stable(&wild.open_loop(&AXIS, 0.030)) else { panic!() };
+        assert!(finding.to_string().starts_with("the loop is unstable: largest pole 1."), "{finding}");
+    }
+}

@@ -1,0 +1,28 @@
+//! From data to a transfer function, and from a transfer function to a controller. Pure: no I/O, no clock.
+//!
+//! What a motor was driven with and what its encoder counted are [`Data`]. The paper's methods are in [`step`] (Eq. 4,
+//! main motor) and [`second_order`] (Eq. 8 to 10, transverse motor); [`nls`] and [`arx`] are those that do better on
+//! an encoder's whole counts. [`discrete`] is the way from s to z, [`design`] the way from there to a controller,
+//! [`response`] what it will do.
+//!
+//! Source: Peña & Martínez, "Sistema electrónico de control de un torno CNC didáctico" (2009). Its authors wished for
+//! an automatic characterisation (§5) and do not say how; what is not theirs is marked "(Ours.)".
+
+pub mod arx;
+mod confidence;
+mod data;
+pub mod design;
+pub mod discrete;
+mod finding;
+mod model;
+pub mod nls;
+mod polynomial;
+pub mod prbs;
+pub mod response;
+pub mod second_order;
+pub mod step;
+
+pub use data::{Data, Sample, Sensor};
+pub use finding::Finding;
+pub use model::{Estimate, FirstOrder, Fitted, SecondOrder};
+pub use polynomial::Polynomial;

@@ -1,0 +1,205 @@
+//! Non-linear least squares: the model that would have counted what was counted, as nearly as can be.
+//!
+//! The model's response to the input as it was is compared with the data interval by interval. So any input will do,
+//! and no final value needs to have been reached. Levenberg-Marquardt, as MINPACK has it.
+
+use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
+use nalgebra::storage::Owned;
+use nalgebra::{DMatrix, DVector, Dyn};
+
+use crate::confidence::Noise;
+use crate::{Data, Estimate, Finding, Fitted, Sensor};
+
+/// Time constants tried to begin with.
+const STARTS: usize = 24;
+/// A fit that explains less is none, in %. (Ours.)
+const LEAST_FIT: f64 = 30.0;
+/// A time constant whose standard deviation is more than this share of it is none. (Ours.)
+const VAGUE: f64 = 0.25;
+/// Data of fewer time constants are no ground for a gain. (Ours.)
+const LEAST_PASSED: f64 = 1.0;
+
+/// The speeds that the model gives for `data`, each interval as its sensor would have it.
+pub fn simulate(data: &Data, fitted: &Fitted) -> Vec<f64> {
+    let response = respond(data, fitted.gain.value, fitted.tau.value, fitted.start);
+    response.into_iter().map(|row| row[0]).collect()
+}
+
+/// The goodness of fit, in %: 100 is all, 0 no better than the mean (the normalised root mean square error).
+pub fn fit_percent(data: &Data, fitted: &Fitted) -> f64 {
+    let mean = data.samples().iter().map(|sample| sample.speed).sum::<f64>() / data.samples().len() as f64;
+    let pairs = data.samples().iter().zip(simulate(data, fitted));
+    let (left, all) = pairs.fold((0.0, 0.0), |(left, all), (sample, model)| {
+        (left + squared(sample.speed - model), all + squared(sample.speed - mean))
+    });
+    100.0 * (1.0 - libm::sqrt(left / all))
+}
+
+/// What the model leaves unexplained: root mean square, in units of speed.
+pub fn residual_rms(data: &Data, fitted: &Fitted) -> f64 {
+    let left = data.samples().iter().zip(simulate(data, fitted)).map(|(sample, model)| squared(sample.speed - model));
+    libm::sqrt(left.sum::<f64>() / data.samples().len() as f64)
+}
+
+/// Fits gain and time constant; also the speed at the start, unless the motor was at rest.
+///
+/// # Errors
+/// [`Finding`] if the fit does not converge, means nothing, or the data are too short for it.
+pub fn first_order(data: &Data) -> Result<Fitted, Finding> {
+    let free_start = !data.starts_at_rest();
+    let measured = DVector::from_iterator(data.samples().len(), data.samples().iter().map(|sample| sample.speed));
+    // For a given time constant the model is linear in the rest: the best of these is near enough to begin with.
+    let (shortest, longest) = (0.2 * data.period(), 5.0 * data.seconds());
+    let tried = (0..STARTS).map(|n| {
+        let share = n as f64 / (STARTS - 1) as f64;
+        shortest * libm::pow(longest / shortest, share)
+    });
+    let best = tried.filter_map(|tau| {
+        let basis = jacobian(&respond(data, 1.0, tau, 0.0), free_start);
+        // The columns of gain and start alone.
+        let basis = basis.remove_column(1);
+        let linear = basis.clone().svd(true, true).solve(&measured, 1e-12).ok()?;
+        let left = (&measured - basis * &linear).norm_squared();
+        left.is_finite().then_some((left, tau, linear))
+    });
+    let (_, tau, linear) = best.min_by(|a, b| a.0.total_cmp(&b.0)).ok_or(Finding::NoConvergence)?;
+    let mut start = vec![linear[0], libm::log(tau)];
+    start.extend(linear.iter().skip(1));
+    let evaluate = |p: &DVector<f64>| {
+        let tau = libm::exp(p[1]);
+        let response = respond(data, p[0], tau, p.get(2).copied().unwrap_or(0.0));
+        let model = DVector::from_iterator(response.len(), response.iter().map(|row| row[0]));
+        let mut jacobian = jacobian(&response, free_start);
+        jacobian.column_mut(1).scale_mut(tau);
+        (model - &measured, jacobian)
+    };
+    let (p, residuals, mut jacobian) = least_squares(DVector::from_vec(start), &evaluate)?;
+    let tau = libm::exp(p[1]);
+    jacobian.column_mut(1).unscale_mut(tau);
+    let pole = libm::exp(-data.period() / tau);
+    let noise = Noise::of(&jacobian, &residuals, pole, data.quantum());
+    let spread = noise.and_then(|noise| noise.of_least_squares(&jacobian));
+    let estimate = |value: f64, place: usize| Estimate {
+        value,
+        sd: spread.as_ref().map(|spread| libm::sqrt(spread[(place, place)].max(0.0))).filter(|sd| sd.is_finite()),
+    };
+    let fitted = Fitted { gain: estimate(p[0], 0), tau: estimate(tau, 1), start: p.get(2).copied().unwrap_or(0.0) };
+    check(data, fitted)
+}
+
+/// Whether a fit means anything.
+fn check(data: &Data, fitted: Fitted) -> Result<Fitted, Finding> {
+    let Estimate { value: tau, sd } = fitted.tau;
+    data.check_fine(tau)?;
+    // What one count hides is not the model's fault.
+    let fit = fit_percent(data, &fitted);
+    if fit < LEAST_FIT && residual_rms(data, &fitted) > data.quantum() {
+        return Err(Finding::NotThisModel { fit, expected: "lag of the first order" });
+    }
+    let passed = data.seconds() / tau;
+    if passed < LEAST_PASSED {
+        return Err(Finding::TooEarly { passed: round2(passed), tau: round2(tau), least: LEAST_PASSED });
+    }
+    let sd = sd.ok_or(Finding::NoConvergence)?;
+    if sd > VAGUE * tau {
+        return Err(Finding::Vague { tau: round3(tau), sd: round3(sd) });
+    }
+    Ok(fitted)
+}
+
+/// The parameters of a fit, and the residuals and their derivatives there.
+type Least = (DVector<f64>, DVector<f64>, DMatrix<f64>);
+
+/// Least squares from a start.
+pub(crate) fn least_squares<F>(start: DVector<f64>, evaluate: &F) -> Result<Least, Finding>
+where
+    F: Fn(&DVector<f64>) -> (DVector<f64>, DMatrix<f64>),
+{
+    let (residuals, jacobian) = evaluate(&start);
+    let problem = Problem { evaluate, parameters: start, residuals, jacobian };
+    let (problem, report) = LevenbergMarquardt::new().minimize(problem);
+    let finite = problem.parameters.iter().chain(problem.residuals.iter()).all(|number| number.is_finite());
+    if !finite || !report.termination.was_successful() {
+        return Err(Finding::NoConvergence);
+    }
+    Ok((problem.parameters, problem.residuals, problem.jacobian))
+}
+
+struct Problem<'a, F> {
+    evaluate: &'a F,
+    parameters: DVector<f64>,
+    residuals: DVector<f64>,
+    jacobian: DMatrix<f64>,
+}
+
+impl<F> LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_, F>
+where
+    F: Fn(&DVector<f64>) -> (DVector<f64>, DMatrix<f64>),
+{
+    type ParameterStorage = Owned<f64, Dyn>;
+    type ResidualStorage = Owned<f64, Dyn>;
+    type JacobianStorage = Owned<f64, Dyn, Dyn>;
+
+    fn set_params(&mut self, parameters: &DVector<f64>) {
+        self.parameters.copy_from(parameters);
+        (self.residuals, self.jacobian) = (self.evaluate)(parameters);
+    }
+
+    fn params(&self) -> DVector<f64> {
+        self.parameters.clone()
+    }
+
+    fn residuals(&self) -> Option<DVector<f64>> {
+        Some(self.residuals.clone())
+    }
+
+    fn jacobian(&self) -> Option<DMatrix<f64>> {
+        Some(self.jacobian.clone())
+    }
+}
+
+/// The model's speed in each interval, and its derivatives by gain, time constant and speed at the start.
+fn respond(data: &Data, gain: f64, tau: f64, start: f64) -> Vec<[f64; 4]> {
+    // The speed and its derivatives at the beginning of the interval.
+    let mut v = [start, 0.0, 0.0, 1.0];
+    let interval = |(sample, length): (&crate::Sample, f64)| {
+        let target = gain * sample.input;
+        let kept = libm::exp(-length / tau);
+        let gone = -libm::expm1(-length / tau);
+        let excess = v[0] - target;
+        let end = [
+            target + excess * kept,
+            sample.input * gone + v[1] * kept,
+            v[2] * kept + excess * kept * length / (tau * tau),
+            v[3] * kept,
+        ];
+        let share = gone * tau / length;
+        let by_tau = gone / length - kept / tau;
+        let mean = [
+            target + excess * share,
+            sample.input * (1.0 - share) + v[1] * share,
+            v[2] * share + excess * by_tau,
+            v[3] * share,
+        ];
+        v = end;
+        if data.sensor() == Sensor::Mean { mean } else { end }
+    };
+    data.samples().iter().zip(data.intervals()).map(interval).collect()
+}
+
+fn jacobian(response: &[[f64; 4]], free_start: bool) -> DMatrix<f64> {
+    let columns = if free_start { 3 } else { 2 };
+    DMatrix::from_fn(response.len(), columns, |row, column| response[row][column + 1])
+}
+
+fn squared(x: f64) -> f64 {
+    x * x
+}
+
+fn round2(x: f64) -> f64 {
+    libm::round(100.0 * x) / 100.0
+}
+
+fn round3(x: f64) -> f64 {
+    libm::round(1_000.0 * x) / 1_000.0
+}

@@ -1,0 +1,51 @@
+//! `torno tune`
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::Context;
+use torno::identify::Method;
+use torno::identify::tune::Tuning;
+use torno::observe::log;
+
+use super::identify::{Identified, Source, draw};
+use super::{colour, print};
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    #[command(flatten)]
+    source: Source,
+    /// Builds on this method's result [default: the recommended one with the narrowest interval]
+    #[arg(long, value_enum)]
+    method: Option<Method>,
+    /// In degrees, 10 to 90
+    #[arg(long, value_name = "DEGREES", default_value_t = torno_identify::design::PHASE_MARGIN, value_parser = degrees)]
+    phase_margin: f64,
+    /// Draws what the rig did, and what was foretold
+    #[arg(long, value_name = "FILE.svg")]
+    plot: Option<PathBuf>,
+    /// Prints everything as one line of JSON
+    #[arg(long)]
+    json: bool,
+}
+
+fn degrees(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(number) if (10.0..=90.0).contains(&number) => Ok(number),
+        _ => Err("expected 10 to 90".to_owned()),
+    }
+}
+
+impl Arguments {
+    pub(super) async fn run(self) -> anyhow::Result<ExitCode> {
+        log::init("warn");
+        let Identified { identification, on_rig } = self.source.identify(self.method).await?;
+        let subject = identification.subject.clone();
+        let tuning = Tuning::of(identification, on_rig.as_ref(), self.phase_margin).await.context(subject)?;
+        if let Some(path) = &self.plot {
+            draw(path, &tuning.figure())?;
+        }
+        print(&if self.json { serde_json::to_string(&tuning)? + "\n" } else { tuning.text(colour()) })?;
+        Ok(ExitCode::SUCCESS)
+    }
+}

@@ -1,0 +1,333 @@
+//! The bench: a board's motor is driven in its service mode, and its encoder listened to.
+
+use torno_identify::{Data, Finding, Sample, Sensor, prbs};
+use torno_protocol::board::Stimulus;
+use torno_protocol::clock::{Clock, Rate, Ticks};
+use torno_protocol::time::Instant;
+
+use crate::engine::{Fact, NodeId};
+use crate::pc::PcUart;
+use crate::rig::file::RigFile;
+use crate::rig::kinds::KindError;
+use crate::rig::kinds::motor::{self, Encoder, Law, Motor};
+use crate::rig::{Driver, Rig, RigError};
+use crate::text::nearest;
+
+/// A step that nobody sized is two thirds of full drive: 20 V of the main motor's 30. (Ours.)
+const STEP: f64 = 2.0 / 3.0;
+/// A sequence's, if the motor can be driven both ways: 240 of 255 LSB. (Ours.)
+const SEQUENCE: f64 = 240.0 / 255.0;
+/// How long a sequence holds each value, in s. (Ours: near the motors' time constants.)
+const HOLD: f64 = 0.6;
+/// The step of a loop's set point, in counts: the largest at which its drive stays off its limits. (Ours.)
+pub const LOOP_STEP: i64 = 2_700;
+/// The loop's gain, in LSB a count: Km/K0, for which the closed loop is the paper's Eq. 11.
+pub const LOOP_GAIN: f64 = 0.090_582;
+/// How far from mid-travel an axis may go, as a share of its travel either way. (Ours.)
+const ROOM: f64 = 0.5;
+/// The rig is left alone for so many samples before.
+const BEFORE: u64 = 1;
+
+/// What a motor is driven with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Excitation {
+    /// A step: of the drive (Eq. 2), or, if the motor moves an axis, of the set point of a proportional loop (Fig. 9).
+    Step,
+    /// A pseudo-random binary sequence.
+    Prbs,
+}
+
+impl Excitation {
+    /// How long it takes if nobody says: enough for the paper's method, and for a percent.
+    pub const fn seconds(self, axis: bool) -> f64 {
+        match self {
+            Self::Step if axis => 10.0,
+            Self::Step => 20.0,
+            Self::Prbs => 60.0,
+        }
+    }
+}
+
+/// What is to be done.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plan {
+    /// What the motor is driven with.
+    pub excitation: Excitation,
+    /// For how long, in s.
+    pub seconds: f64,
+    /// The largest drive, in the motor's unit; None for a good one.
+    pub level: Option<f64>,
+    /// Of the sequence.
+    pub seed: u64,
+}
+
+/// What came of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recording {
+    /// Drive and speed.
+    pub data: Data,
+    /// If it was a step of a loop's set point: times since it, and positions in counts.
+    pub closed: Option<Vec<(f64, f64)>>,
+    /// What it was, in words: `20 V for 20 s`.
+    pub what: String,
+}
+
+/// A motor on the bench.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Subject {
+    /// The board's place in the rig.
+    pub node: NodeId,
+    /// The board's name.
+    pub board: String,
+    /// The motor.
+    pub motor: Motor,
+    clock: Clock,
+}
+
+/// Why there is nothing to identify.
+#[derive(Debug, thiserror::Error)]
+pub enum BenchError {
+    /// There is no such board.
+    #[error("there is no board '{board}' in the rig '{rig}'{hint}")]
+    NoBoard {
+        /// The rig.
+        rig: String,
+        /// The board.
+        board: String,
+        /// What could be meant.
+        hint: String,
+    },
+    /// The board drives nothing.
+    #[error("board '{board}' has no motor: expected one of {known}")]
+    NoMotor {
+        /// The board.
+        board: String,
+        /// Those that have one.
+        known: String,
+    },
+    /// A level that the drive cannot have.
+    #[error("level {found}: expected above 0 and up to {full} {unit}, which is full drive")]
+    Level {
+        /// What was asked for.
+        found: f64,
+        /// Full drive.
+        full: f64,
+        /// Its unit.
+        unit: &'static str,
+    },
+    /// A time that is none.
+    #[error("seconds {found}: expected 1 to 3600")]
+    Seconds {
+        /// What was asked for.
+        found: f64,
+    },
+    /// The board's settings are wrong.
+    #[error(transparent)]
+    Kind(#[from] KindError),
+    /// The data are of no use.
+    #[error("{what}: {finding}")]
+    Useless {
+        /// What was done.
+        what: String,
+        /// Why.
+        finding: Finding,
+    },
+    /// The rig broke.
+    #[error(transparent)]
+    Rig(#[from] RigError),
+}
+
+impl Subject {
+    /// The motor of a board.
+    ///
+    /// # Errors
+    /// [`BenchError`] if there is no such board, or no motor on it.
+    pub fn find(file: &RigFile, board: &str) -> Result<Self, BenchError> {
+        let names: Vec<&str> = file.boards.iter().map(|board| board.name.as_str()).collect();
+        let Some(node) = names.iter().position(|name| *name == board) else {
+            let (rig, hint) = (file.name.clone(), nearest(board, &names));
+            return Err(BenchError::NoBoard { rig, board: board.to_owned(), hint });
+        };
+        let found = &file.boards[node];
+        let Some(motor) = motor::motor(&found.kind, &found.settings)? else {
+            let has_motor = |other: &&crate::rig::file::Board| {
+                motor::motor(&other.kind, &other.settings).is_ok_and(|m| m.is_some())
+            };
+            let known: Vec<&str> = file.boards.iter().filter(has_motor).map(|board| board.name.as_str()).collect();
+            return Err(BenchError::NoMotor { board: board.to_owned(), known: known.join(", ") });
+        };
+        Ok(Self { node, board: board.to_owned(), motor, clock: found.clock })
+    }
+
+    /// Whether it moves an axis, whose position its law regulates.
+    pub const fn is_axis(&self) -> bool {
+        matches!(self.motor.law, Law::Pid(_))
+    }
+
+    /// Runs the rig with it.
+    ///
+    /// # Errors
+    /// [`BenchError`] if the plan cannot be followed, or nothing useful came of it.
+    pub async fn run(&self, file: &RigFile, plan: &Plan) -> Result<Recording, BenchError> {
+        let program = Program::new(self, plan)?;
+        let what = program.what.clone();
+        let pc = PcUart::new(file.pc.baud, file.pc.tx_fifo, file.pc.clock);
+        let rig = Rig::start(file, &Driver::InProcess, pc).await?;
+        let raw = self.drive(rig, program, plan.seconds).await?;
+        let useless = |finding| BenchError::Useless { what: what.clone(), finding };
+        let data = self.data(&raw).map_err(useless)?;
+        let closed = (plan.excitation == Excitation::Step && self.is_axis()).then(|| {
+            let origin = raw[0];
+            raw[1..].iter().map(|point| (point.time - origin.time, (point.count - origin.count) as f64)).collect()
+        });
+        Ok(Recording { data, closed, what })
+    }
+
+    async fn drive(&self, mut rig: Rig, mut program: Program, seconds: f64) -> Result<Vec<Point>, BenchError> {
+        let rate = Rate::fraction(1_000, u64::from(self.motor.period_ms));
+        let ticks = Ticks::new(Instant::START, rate, self.clock);
+        let signals = &rig.nodes()[self.node].description.signals;
+        let place = |name: &str| signals.iter().position(|signal| signal.name == name).unwrap_or(usize::MAX);
+        let (Encoder::Window(name) | Encoder::Position(name)) = self.motor.encoder;
+        let (counted, driven) = (place(name), place("drive"));
+        let mut seen = (0i64, 0i64);
+        let count = (seconds * 1_000.0 / f64::from(self.motor.period_ms)).round() as u64;
+        let mut points: Vec<Point> = Vec::new();
+        for n in BEFORE..=BEFORE + count {
+            // What the board does at the tick itself, and then what it is told.
+            let after = ticks.at(n).next();
+            rig.settle(after).await?;
+            self.take_note(&mut rig, counted, driven, &mut seen);
+            if let Some(last) = points.last_mut() {
+                last.drive = seen.1;
+            }
+            let time = ticks.at(n).as_secs_f64();
+            points.push(Point { time, count: seen.0, drive: 0 });
+            let per_mille = program.next(points.len() - 1, seen.0);
+            rig.stimulate(self.node, after, Stimulus::Drive(per_mille));
+        }
+        Ok(points)
+    }
+
+    fn take_note(&self, rig: &mut Rig, counted: usize, driven: usize, seen: &mut (i64, i64)) {
+        for fact in rig.take_facts() {
+            if let Fact::Telemetry { node, signal, value, .. } = fact
+                && node == self.node
+            {
+                match usize::from(signal) {
+                    place if place == counted => seen.0 = value,
+                    place if place == driven => seen.1 = value,
+                    _ => {}
+                }
+            }
+        }
+        rig.take_inputs();
+    }
+
+    /// Points as intervals: each with the drive that was set at its beginning.
+    fn data(&self, points: &[Point]) -> Result<Data, Finding> {
+        let motor = &self.motor;
+        let sample = |pair: &[Point]| {
+            let counts = match motor.encoder {
+                Encoder::Window(_) => pair[1].count,
+                Encoder::Position(_) => pair[1].count - pair[0].count,
+            };
+            let speed = counts as f64 * motor.count / (pair[1].time - pair[0].time);
+            Sample { time: pair[1].time, input: pair[0].drive as f64 * motor.full.0 / motor.full.1 as f64, speed }
+        };
+        let samples: Vec<Sample> = points.windows(2).map(sample).collect();
+        let start = points.first().map_or(0.0, |first| first.time);
+        let quantum = motor.count * 1_000.0 / f64::from(motor.period_ms);
+        Data::new(Sensor::Mean, start, samples, quantum)
+    }
+}
+
+/// What was counted at a tick, and the drive from there on.
+#[derive(Clone, Copy, Debug)]
+struct Point {
+    time: f64,
+    count: i64,
+    drive: i64,
+}
+
+/// What the bench tells the board, tick by tick.
+struct Program {
+    motor: Motor,
+    kind: Kind,
+    what: String,
+}
+
+enum Kind {
+    Hold(i32),
+    Loop { origin: Option<i64> },
+    Sequence { bits: Vec<bool>, levels: [i32; 2], hold: usize, origin: Option<i64> },
+}
+
+impl Program {
+    fn new(subject: &Subject, plan: &Plan) -> Result<Self, BenchError> {
+        let motor = subject.motor;
+        let (full, unit) = (motor.full.0, motor.input_unit);
+        let Plan { excitation, seconds, level, seed } = *plan;
+        if !(1.0..=3_600.0).contains(&seconds) {
+            return Err(BenchError::Seconds { found: seconds });
+        }
+        let good = match (excitation, motor.travel) {
+            _ if motor.law == Law::OnOff => full,
+            (Excitation::Prbs, Some(_)) => SEQUENCE * full,
+            _ => STEP * full,
+        };
+        let level = level.unwrap_or(good);
+        if !(level > 0.0 && level <= full) {
+            return Err(BenchError::Level { found: level, full, unit });
+        }
+        let per_mille = |level: f64| (1_000.0 * level / full).round() as i32;
+        let (kind, what) = match (excitation, motor.travel) {
+            (Excitation::Step, Some(_)) if subject.is_axis() => {
+                let what = format!("step of {LOOP_STEP} counts in a loop of {LOOP_GAIN} LSB/count for {seconds} s");
+                (Kind::Loop { origin: None }, what)
+            }
+            (Excitation::Step, _) => {
+                (Kind::Hold(per_mille(level)), format!("step of {} {unit} for {seconds} s", short(level)))
+            }
+            (Excitation::Prbs, travel) => {
+                let low = if travel.is_some() { -level } else { 0.5 * level };
+                let hold = (HOLD * 1_000.0 / f64::from(motor.period_ms)).round().max(1.0) as usize;
+                let count = (seconds / HOLD).ceil() as usize + 2;
+                let levels = [per_mille(low), per_mille(level)];
+                let kind = Kind::Sequence { bits: prbs::bits(seed, count), levels, hold, origin: None };
+                (kind, format!("PRBS of {} and {} {unit} for {seconds} s", short(low), short(level)))
+            }
+        };
+        Ok(Self { motor, kind, what })
+    }
+
+    /// The drive from sample `n` on, in per mille of full, with the encoder at `count`.
+    fn next(&mut self, n: usize, count: i64) -> i32 {
+        let full = self.motor.full.1 as f64;
+        match &mut self.kind {
+            Kind::Hold(per_mille) => *per_mille,
+            Kind::Loop { origin } => {
+                let error = LOOP_STEP - (count - *origin.get_or_insert(count));
+                (1_000.0 * (LOOP_GAIN * error as f64).round() / full).round() as i32
+            }
+            Kind::Sequence { bits, levels, hold, origin } => {
+                let gone = count - *origin.get_or_insert(count);
+                let place = (n / *hold).min(bits.len() - 1);
+                let room = self.motor.travel.map_or(f64::MAX, |travel| ROOM * f64::from(travel));
+                // An axis that would go too far goes back instead.
+                if n.is_multiple_of(*hold) && gone as f64 > room {
+                    bits[place] = false;
+                } else if n.is_multiple_of(*hold) && (gone as f64) < -room {
+                    bits[place] = true;
+                }
+                levels[usize::from(bits[place])]
+            }
+        }
+    }
+}
+
+/// Without digits that say nothing.
+fn short(number: f64) -> String {
+    let text = format!("{number:.2}");
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
+}

@@ -1,0 +1,494 @@
+//! What the methods make of data, side by side.
+
+use std::fmt::{self, Write as _};
+
+use anstyle::{AnsiColor, Style};
+use serde::Serialize;
+use torno_identify::discrete::Discrete;
+use torno_identify::{Data, Estimate, Finding, FirstOrder, Fitted, SecondOrder, arx, nls, second_order, step};
+
+use super::bench::{LOOP_GAIN, LOOP_STEP, Recording};
+use crate::report::plot::Style as Drawn;
+use crate::report::plot::{Figure, Panel, Series};
+
+/// The units of a motor's input and speed.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Units {
+    /// `V`
+    pub input: String,
+    /// `rad/s`
+    pub speed: String,
+}
+
+/// A way from data to a model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Method {
+    /// The paper's for the main motor: Eq. 4 at 63 % of the final value.
+    Eq4,
+    /// The same, averaged from 20 to 90 %.
+    Eq4Mean,
+    /// The slope of the logarithm, from 20 to 90 %.
+    LogLinear,
+    /// The paper's for the feed axis: tp and ts of the closed loop (Eq. 8 to 10).
+    PeakSettling,
+    /// tp and the overshoot of the closed loop.
+    PeakOvershoot,
+    /// Non-linear least squares on the closed loop, the hold's lag taken out.
+    ClosedNls,
+    /// Least-squares ARX: a warning.
+    ArxLs,
+    /// ARX by instrumental variables.
+    ArxIv,
+    /// Non-linear least squares on what was driven and counted.
+    Nls,
+}
+
+impl Method {
+    /// All, as they are shown.
+    const ALL: [Self; 9] = [
+        Self::Eq4,
+        Self::Eq4Mean,
+        Self::LogLinear,
+        Self::PeakSettling,
+        Self::PeakOvershoot,
+        Self::ClosedNls,
+        Self::ArxLs,
+        Self::ArxIv,
+        Self::Nls,
+    ];
+
+    const fn words(self) -> &'static str {
+        match self {
+            Self::Eq4 => "Eq 4 at 63 % (the paper's)",
+            Self::Eq4Mean => "Eq 4, mean of 20 to 90 %",
+            Self::LogLinear => "log-linear least squares",
+            Self::PeakSettling => "tp and ts, Eq 8-10 (the paper's)",
+            Self::PeakOvershoot => "tp and overshoot",
+            Self::ClosedNls => "non-linear LS, closed loop",
+            Self::ArxLs => "ARX, least squares: biased",
+            Self::ArxIv => "ARX, instrumental variables",
+            Self::Nls => "non-linear least squares",
+        }
+    }
+
+    /// Whether it needs the response of a closed loop.
+    const fn of_loop(self) -> bool {
+        matches!(self, Self::PeakSettling | Self::PeakOvershoot | Self::ClosedNls)
+    }
+
+    /// Whether it can be used on data of this kind at all.
+    fn fits(self, data: &Data, closed: bool) -> bool {
+        match self {
+            Self::Eq4 | Self::Eq4Mean | Self::LogLinear => data.step().is_some() && !closed,
+            Self::ArxIv => data.step().is_none() && !closed,
+            Self::ArxLs => !closed,
+            _ if self.of_loop() => closed,
+            _ => true,
+        }
+    }
+
+    /// Whether its result is worth to be built on.
+    const fn is_recommended(self) -> bool {
+        matches!(self, Self::Nls | Self::ArxIv)
+    }
+
+    fn apply(self, recording: &Recording) -> Result<(Fitted, Option<SecondOrder>), Finding> {
+        let data = &recording.data;
+        let closed = || -> Result<SecondOrder, Finding> {
+            let points = recording.closed.as_deref().unwrap_or_default();
+            match self {
+                Self::PeakSettling => second_order::by_peak_and_settling(&second_order::read(points)?),
+                Self::PeakOvershoot => second_order::by_peak_and_overshoot(&second_order::read(points)?),
+                _ => Ok(second_order::without_hold(&second_order::by_least_squares(points)?, data.period())),
+            }
+        };
+        let open = match self {
+            Self::Eq4 => step::one_point(data),
+            Self::Eq4Mean => step::averaged(data),
+            Self::LogLinear => step::log_linear(data),
+            Self::ArxLs => arx::least_squares(data),
+            Self::ArxIv => arx::instrumental_variables(data),
+            Self::Nls => nls::first_order(data),
+            Self::PeakSettling | Self::PeakOvershoot | Self::ClosedNls => {
+                let closed = closed()?;
+                let FirstOrder { gain, tau } = closed.open_loop();
+                return Ok((Fitted::bare(gain / LOOP_GAIN, tau), Some(closed)));
+            }
+        };
+        open.map(|fitted| (fitted, None))
+    }
+}
+
+/// What one method made of one run.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Row {
+    /// The method.
+    pub method: Method,
+    /// Worth to be built on.
+    pub recommended: bool,
+    /// Speed per unit of input.
+    pub gain: Option<f64>,
+    /// Where it is in 95 of 100 cases.
+    pub gain_interval: Option<[f64; 2]>,
+    /// The time constant, in s.
+    pub tau_s: Option<f64>,
+    /// Where it is in 95 of 100 cases.
+    pub tau_s_interval: Option<[f64; 2]>,
+    /// The natural frequency of the closed loop, in rad/s.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub omega_rad_per_s: Option<f64>,
+    /// The damping of the closed loop.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub xi: Option<f64>,
+    /// How much of the response the model explains, in %.
+    pub fit_percent: Option<f64>,
+    /// What it leaves, root mean square, in units of speed.
+    pub residual_rms: Option<f64>,
+    /// Why there is no result.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub finding: Option<String>,
+    #[serde(skip)]
+    fitted: Option<Fitted>,
+}
+
+impl Row {
+    fn of(method: Method, recording: &Recording) -> Self {
+        let result = method.apply(recording);
+        let (fitted, closed) = match &result {
+            Ok((fitted, closed)) => (Some(fitted.clone()), *closed),
+            Err(_) => (None, None),
+        };
+        let of = |number: fn(&Fitted) -> Estimate| fitted.as_ref().map(number);
+        let (gain, tau) = (of(|fitted| fitted.gain), of(|fitted| fitted.tau));
+        Self {
+            method,
+            recommended: method.is_recommended() && fitted.is_some(),
+            gain: gain.map(|gain| gain.value),
+            gain_interval: gain.and_then(|gain| gain.interval()),
+            tau_s: tau.map(|tau| tau.value),
+            tau_s_interval: tau.and_then(|tau| tau.interval()),
+            omega_rad_per_s: closed.map(|closed| closed.omega),
+            xi: closed.map(|closed| closed.xi),
+            fit_percent: fitted.as_ref().map(|fitted| nls::fit_percent(&recording.data, fitted)),
+            residual_rms: fitted.as_ref().map(|fitted| nls::residual_rms(&recording.data, fitted)),
+            finding: result.err().map(|finding| finding.to_string()),
+            fitted,
+        }
+    }
+
+    /// The narrower, the better.
+    fn width(&self) -> f64 {
+        let tau = self.fitted.as_ref().and_then(|fitted| fitted.tau.percent());
+        tau.filter(|percent| percent.is_finite()).unwrap_or(f64::MAX)
+    }
+}
+
+/// One run and what came of it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Run {
+    /// What it was.
+    pub input: String,
+    /// How many samples there are.
+    pub samples: usize,
+    /// The methods.
+    pub methods: Vec<Row>,
+    #[serde(skip)]
+    recording: Option<Recording>,
+}
+
+/// A motor, identified.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Identification {
+    /// What was identified: a board of a rig, or a file.
+    pub subject: String,
+    /// The units.
+    pub units: Units,
+    /// The sample time, in s.
+    pub period_s: f64,
+    /// Its position is what matters, not its speed.
+    pub axis: bool,
+    /// What is to be built on.
+    pub result: Outcome,
+    /// Everything that was tried.
+    pub runs: Vec<Run>,
+}
+
+/// What is to be built on.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Outcome {
+    /// By which method.
+    pub method: Method,
+    /// From which run.
+    pub input: String,
+    /// In s: numerator and denominator, the highest power first, from input to speed; for an axis, to position.
+    pub s: [Vec<f64>; 2],
+    /// In z, the same, held and sampled every `period_s`.
+    pub z: [Vec<f64>; 2],
+    /// Speed per unit of input.
+    pub gain: f64,
+    /// Where it is in 95 of 100 cases.
+    pub gain_interval: Option<[f64; 2]>,
+    /// The time constant, in s.
+    pub tau_s: f64,
+    /// Where it is in 95 of 100 cases.
+    pub tau_s_interval: Option<[f64; 2]>,
+    /// How much of the response the model explains, in %.
+    pub fit_percent: f64,
+    #[serde(skip)]
+    model: FirstOrder,
+}
+
+impl Outcome {
+    /// The model.
+    pub const fn model(&self) -> FirstOrder {
+        self.model
+    }
+}
+
+impl Identification {
+    /// Lets the methods work on all recordings; with `only`, that one method.
+    ///
+    /// # Errors
+    /// Why no method that is worth it came to a result.
+    pub fn of(
+        subject: String,
+        units: Units,
+        axis: bool,
+        recordings: Vec<Recording>,
+        only: Option<Method>,
+    ) -> Result<Self, String> {
+        let mut runs: Vec<Run> = recordings.into_iter().map(|recording| Run::of(recording, only)).collect();
+        runs.retain(|run| !run.methods.is_empty());
+        let rows = || runs.iter().flat_map(|run| run.methods.iter().map(move |row| (run, row)));
+        let worthy = rows().filter(|(_, row)| row.fitted.is_some() && (only.is_some() || row.recommended));
+        let best = worthy.min_by(|(_, a), (_, b)| a.width().total_cmp(&b.width()));
+        let Some((run, Row { method, fitted: Some(fitted), fit_percent, .. })) = best else {
+            let findings = rows().filter_map(|(run, row)| {
+                let finding = row.finding.as_ref().filter(|_| only.is_some() || row.method.is_recommended())?;
+                Some(format!("{}: {}: {finding}", run.input, row.method.words()))
+            });
+            let findings: Vec<String> = findings.collect();
+            return Err(match (findings.is_empty(), only) {
+                (true, Some(only)) => format!("{} cannot be used on such data", only.words()),
+                _ => findings.join("; "),
+            });
+        };
+        let period_s = run.recording.as_ref().map_or(0.0, |recording| recording.data.period());
+        let model = fitted.model();
+        let z = if axis { Discrete::position(&model, period_s) } else { Discrete::speed(&model, period_s) };
+        let (a, b) = (1.0 / model.tau, model.gain / model.tau);
+        let result = Outcome {
+            method: *method,
+            input: run.input.clone(),
+            s: [vec![b], if axis { vec![1.0, a, 0.0] } else { vec![1.0, a] }],
+            z: [z.numerator.0, z.denominator.0],
+            gain: model.gain,
+            gain_interval: fitted.gain.interval(),
+            tau_s: model.tau,
+            tau_s_interval: fitted.tau.interval(),
+            fit_percent: fit_percent.unwrap_or_default(),
+            model,
+        };
+        Ok(Self { subject, units, period_s, axis, result, runs })
+    }
+
+    /// The table for people.
+    pub fn text(&self, colour: bool) -> String {
+        let mut text = String::new();
+        // Writing to a string cannot fail.
+        let _ = self.write(&mut text, colour);
+        text
+    }
+
+    fn write(&self, text: &mut String, colour: bool) -> fmt::Result {
+        let style = |style: Style| if colour { style } else { Style::new() };
+        let (bold, dim) = (style(Style::new().bold()), style(Style::new().dimmed()));
+        let warn = style(AnsiColor::Yellow.on_default());
+        let Outcome { method, input, s, z, gain, gain_interval, tau_s, tau_s_interval, fit_percent, .. } = &self.result;
+        let Units { input: input_unit, speed } = &self.units;
+        let what = if self.axis { "position" } else { "speed" };
+        writeln!(text, "{:<9}{bold}{}{bold:#}: {what} ({speed} per {input_unit})", "motor", self.subject)?;
+        writeln!(text, "{:<9}{bold}{}{bold:#} = {}", "in s", ratio(s, 's'), normal_form(*gain, *tau_s, self.axis))?;
+        let period = short(1e3 * self.period_s);
+        writeln!(text, "{:<9}{bold}{}{bold:#}   held and sampled every {period} ms", "in z", ratio(z, 'z'))?;
+        writeln!(text, "{:<9}{}", "gain", estimate(*gain, *gain_interval, &format!("{speed} per {input_unit}")))?;
+        writeln!(text, "{:<9}{}", "tau", estimate(*tau_s, *tau_s_interval, "s"))?;
+        writeln!(text, "{:<9}{fit_percent:.1} % of the response; {}, {input}", "fit", method.words())?;
+        for run in &self.runs {
+            writeln!(text)?;
+            writeln!(text, "{bold}{} ({} samples){bold:#}", run.input, run.samples)?;
+            let head =
+                format!("  {:<34}{:>10} {:>8}{:>11} {:>8}{:>8}", "method", "gain", "95 %", "tau s", "95 %", "fit");
+            writeln!(text, "{dim}{head}{dim:#}")?;
+            for row in &run.methods {
+                row.write(text, warn)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The data of the run that is built on, with its model and the paper's over it, and the input below.
+    pub fn figure(&self) -> Figure {
+        let run = self.runs.iter().find(|run| run.input == self.result.input);
+        let Some((run, recording)) = run.and_then(|run| Some((run, run.recording.as_ref()?))) else {
+            return Figure::default();
+        };
+        let data = &recording.data;
+        let times = || data.instants().into_iter();
+        let measured = times().zip(data.samples()).map(|(t, sample)| (t, sample.speed)).collect();
+        let mut series = vec![Series::new("counted", Drawn::Dots, measured)];
+        let shown =
+            |row: &&Row| row.method == self.result.method || matches!(row.method, Method::Eq4 | Method::PeakSettling);
+        let mut rows: Vec<&Row> = run.methods.iter().filter(shown).collect();
+        rows.sort_by_key(|row| row.method != self.result.method);
+        for row in rows {
+            let Some(fitted) = &row.fitted else { continue };
+            let style = if row.method == self.result.method { Drawn::Line } else { Drawn::Dashed };
+            let model = times().zip(nls::simulate(data, fitted)).collect();
+            series.push(Series::new(row.method.words(), style, model));
+        }
+        let mut panels = Vec::new();
+        // A motor that was at rest was not driven before.
+        let mut input: Vec<(f64, f64)> = Vec::new();
+        if data.starts_at_rest() {
+            input.push((data.start(), 0.0));
+        }
+        let starts = core::iter::once(data.start()).chain(data.samples().iter().map(|sample| sample.time));
+        input.extend(starts.zip(data.samples()).map(|(start, sample)| (start, sample.input)));
+        input.extend(data.samples().last().map(|last| (last.time, last.input)));
+        let Units { input: input_unit, speed } = &self.units;
+        let panel = |y: String, height: f64, series: Vec<Series>| Panel { x: "time, s".to_owned(), y, height, series };
+        if let Some(points) = &recording.closed {
+            let mut series = vec![Series::new("counted", Drawn::Dots, points.clone())];
+            let closed = run.methods.iter().filter(|row| row.method.of_loop());
+            let closed = closed.filter_map(|row| Some((row, SecondOrder { omega: row.omega_rad_per_s?, xi: row.xi? })));
+            series.extend(closed.map(|(row, model)| {
+                let at = |(t, _): &(f64, f64)| (*t, LOOP_STEP as f64 * second_order::respond(&model, *t));
+                let style = if row.method == Method::ClosedNls { Drawn::Line } else { Drawn::Dashed };
+                Series::new(row.method.words(), style, points.iter().map(at).collect())
+            }));
+            panels.push(panel("position, counts".to_owned(), 0.8, series));
+        }
+        panels.push(panel(format!("speed, {speed}"), 1.0, series));
+        panels.push(panel(format!("input, {input_unit}"), 0.45, vec![Series::new("input", Drawn::Steps, input)]));
+        Figure { title: format!("{}: {}", self.subject, self.result.input), panels }
+    }
+}
+
+impl Run {
+    fn of(recording: Recording, only: Option<Method>) -> Self {
+        let closed = recording.closed.is_some();
+        let wanted = Method::ALL.into_iter().filter(|method| only.is_none_or(|only| only == *method));
+        let methods = wanted.filter(|method| method.fits(&recording.data, closed));
+        let methods = methods.map(|method| Row::of(method, &recording)).collect();
+        Self {
+            input: recording.what.clone(),
+            samples: recording.data.samples().len(),
+            methods,
+            recording: Some(recording),
+        }
+    }
+}
+
+impl Row {
+    fn write(&self, text: &mut String, warn: Style) -> fmt::Result {
+        let mark = if self.recommended { '*' } else { ' ' };
+        let warn = if self.method == Method::ArxLs || self.finding.is_some() { warn } else { Style::new() };
+        write!(text, "{mark} {warn}{:<34}", self.method.words())?;
+        if let Some(finding) = &self.finding {
+            return writeln!(text, "{finding}{warn:#}");
+        }
+        let number = |number: Option<f64>| number.map_or(String::new(), digits);
+        let percent = |number: Option<f64>, interval: Option<[f64; 2]>| {
+            let half = |(interval, number): ([f64; 2], f64)| half_width(interval, number);
+            interval.zip(number).map_or(String::new(), half)
+        };
+        let (gain, tau) = (percent(self.gain, self.gain_interval), percent(self.tau_s, self.tau_s_interval));
+        write!(text, "{:>10} {gain:>8}{:>11} {tau:>8}", number(self.gain), number(self.tau_s))?;
+        write!(text, "{:>6.1} %", self.fit_percent.unwrap_or_default())?;
+        if let (Some(omega), Some(xi)) = (self.omega_rad_per_s, self.xi) {
+            write!(text, "   wn {omega:.4} rad/s, xi {xi:.4}")?;
+        }
+        writeln!(text, "{warn:#}")
+    }
+}
+
+/// Half of an interval, in % of the number.
+fn half_width([low, high]: [f64; 2], number: f64) -> String {
+    let percent = 50.0 * ((high - low) / number).abs();
+    if percent < 0.005 { "<0.01 %".to_owned() } else { format!("±{percent:.2} %") }
+}
+
+fn estimate(value: f64, interval: Option<[f64; 2]>, unit: &str) -> String {
+    let range = interval.map_or(String::new(), |[low, high]| {
+        format!("   95 %: {} to {} ({})", digits(low), digits(high), half_width([low, high], value))
+    });
+    format!("{} {unit}{range}", digits(value))
+}
+
+/// K/(τs + 1), with the integrator of an axis.
+fn normal_form(gain: f64, tau: f64, axis: bool) -> String {
+    let lag = format!("{} s + 1", digits(tau));
+    if axis { format!("{}/(s ({lag}))", digits(gain)) } else { format!("{}/({lag})", digits(gain)) }
+}
+
+fn ratio([numerator, denominator]: &[Vec<f64>; 2], variable: char) -> String {
+    let (above, below) = (polynomial(numerator, variable), polynomial(denominator, variable));
+    if numerator.len() > 1 { format!("({above})/({below})") } else { format!("{above}/({below})") }
+}
+
+/// A polynomial, the highest power's coefficient first.
+pub(super) fn polynomial(coefficients: &[f64], variable: char) -> String {
+    let mut text = String::new();
+    for (n, coefficient) in coefficients.iter().enumerate() {
+        let power = match coefficients.len() - 1 - n {
+            0 => String::new(),
+            1 => variable.to_string(),
+            power => format!("{variable}^{power}"),
+        };
+        if *coefficient == 0.0 {
+            continue;
+        }
+        let sign = match (text.is_empty(), *coefficient < 0.0) {
+            (true, true) => "-",
+            (true, false) => "",
+            (false, true) => " - ",
+            (false, false) => " + ",
+        };
+        let size = coefficient.abs();
+        let number = if size == 1.0 && !power.is_empty() { String::new() } else { digits(size) };
+        let space = if number.is_empty() || power.is_empty() { "" } else { " " };
+        let _ = write!(text, "{sign}{number}{space}{power}");
+    }
+    if text.is_empty() { "0".to_owned() } else { text }
+}
+
+/// Five digits that say something; poles near 1 need them.
+pub(super) fn digits(number: f64) -> String {
+    if number == 0.0 || !number.is_finite() {
+        return number.to_string();
+    }
+    let before = libm::floor(libm::log(number.abs()) / core::f64::consts::LN_10) as i32 + 1;
+    let after = (5 - before).clamp(0, 12) as usize;
+    format!("{number:.after$}")
+}
+
+/// Without digits that say nothing.
+pub(super) fn short(number: f64) -> String {
+    let text = format!("{number:.3}");
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn polynomials_read_as_one_writes_them() {
+        assert_eq!(polynomial(&[1.0, -1.952_783, 0.956_497], 'z'), "z^2 - 1.9528 z + 0.95650");
+        assert_eq!(polynomial(&[1.0, 1.391_304, 0.0], 's'), "s^2 + 1.3913 s");
+        assert_eq!(ratio(&[vec![6.785_714], vec![1.0, 0.357_143]], 's'), "6.7857/(s + 0.35714)");
+        assert_eq!(digits(5_443.1), "5443.1");
+    }
+}

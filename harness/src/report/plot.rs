@@ -1,0 +1,304 @@
+//! Plots, as SVG: panels one below the other, each with its axes, units, grid and legend.
+
+use std::fmt;
+
+use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint, Ranged};
+use plotters::prelude::*;
+
+/// The width of a plot, in px.
+const WIDTH: u32 = 960;
+/// The height of a panel of height 1, in px.
+const HEIGHT: f64 = 420.0;
+/// The height of the title, in px.
+const TITLE: u32 = 44;
+/// Colours that are told apart by most eyes (Okabe and Ito).
+const COLOURS: [RGBColor; 6] = [
+    RGBColor(0, 114, 178),
+    RGBColor(213, 94, 0),
+    RGBColor(0, 158, 115),
+    RGBColor(204, 121, 167),
+    RGBColor(86, 180, 233),
+    RGBColor(230, 159, 0),
+];
+const DATA: RGBColor = RGBColor(110, 110, 110);
+
+/// Panels below a title.
+#[derive(Clone, Debug, Default)]
+pub struct Figure {
+    /// The title.
+    pub title: String,
+    /// The panels, from above.
+    pub panels: Vec<Panel>,
+}
+
+/// One pair of axes.
+#[derive(Clone, Debug)]
+pub struct Panel {
+    /// What is on the horizontal axis, with its unit.
+    pub x: String,
+    /// What is on the vertical axis, with its unit.
+    pub y: String,
+    /// Its height; 1 is that of a panel on its own.
+    pub height: f64,
+    /// What is drawn, the first below the others.
+    pub series: Vec<Series>,
+}
+
+/// Points that belong together.
+#[derive(Clone, Debug)]
+pub struct Series {
+    /// Its name in the legend.
+    pub name: String,
+    /// How it is drawn.
+    pub style: Style,
+    /// The points, in order. Those that are not finite are left out.
+    pub points: Vec<(f64, f64)>,
+}
+
+/// How points are drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Style {
+    /// As grey points: data.
+    Dots,
+    /// As a line.
+    Line,
+    /// As a dashed line.
+    Dashed,
+    /// Each value is held up to the next point.
+    Steps,
+}
+
+impl Series {
+    /// A series.
+    pub fn new(name: impl Into<String>, style: Style, points: Vec<(f64, f64)>) -> Self {
+        let mut points = points;
+        points.retain(|(x, y)| x.is_finite() && y.is_finite());
+        if style == Style::Steps {
+            let held: Vec<(f64, f64)> = points.windows(2).map(|pair| (pair[1].0, pair[0].1)).collect();
+            let mut both: Vec<(f64, f64)> = points.iter().copied().zip(held).flat_map(|(a, b)| [a, b]).collect();
+            both.extend(points.last());
+            // A held value needs no more than its ends.
+            both.dedup_by(|next, kept| next.1 == kept.1 && next.0 == kept.0);
+            points = both;
+        }
+        Self { name: name.into(), style, points }
+    }
+}
+
+/// Why there is no plot.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot draw: {0}")]
+pub struct PlotError(String);
+
+impl PlotError {
+    fn of(error: impl fmt::Display) -> Self {
+        Self(error.to_string())
+    }
+}
+
+impl Figure {
+    /// The figure as SVG.
+    ///
+    /// # Errors
+    /// [`PlotError`] if it cannot be drawn.
+    pub fn svg(&self) -> Result<String, PlotError> {
+        let heights: Vec<u32> = self.panels.iter().map(|panel| (HEIGHT * panel.height) as u32).collect();
+        let mut svg = String::new();
+        {
+            let root =
+                SVGBackend::with_string(&mut svg, (WIDTH, TITLE + heights.iter().sum::<u32>())).into_drawing_area();
+            root.fill(&WHITE).map_err(PlotError::of)?;
+            let title = ("sans-serif", 20).into_font().style(FontStyle::Bold);
+            let (above, mut rest) = root.split_vertically(TITLE);
+            above.draw(&Text::new(self.title.clone(), (16, 14), title.color(&BLACK))).map_err(PlotError::of)?;
+            for (panel, height) in self.panels.iter().zip(heights) {
+                let (area, below) = rest.split_vertically(height);
+                panel.draw(&area)?;
+                rest = below;
+            }
+            root.present().map_err(PlotError::of)?;
+        }
+        Ok(svg)
+    }
+}
+
+impl Panel {
+    fn draw(&self, area: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>) -> Result<(), PlotError> {
+        let all = || self.series.iter().flat_map(|series| &series.points);
+        let x = range(all().map(|(x, _)| *x), 0.0);
+        let mut y = range(all().map(|(_, y)| *y), 0.06);
+        let legend = self.series.len() > 1;
+        let (corner, crowd) = self.free_corner();
+        if legend && crowd > 0 {
+            // No corner is free: room is made above.
+            y.1 += (y.1 - y.0) * (0.04 + 0.08 * self.series.len() as f64 / self.height);
+        }
+        let label = ("sans-serif", 14).into_font();
+        let mut chart = ChartBuilder::on(area)
+            .margin(12)
+            .margin_right(24)
+            .x_label_area_size(44)
+            .y_label_area_size(72)
+            .build_cartesian_2d(Axis(x), Axis(y))
+            .map_err(PlotError::of)?;
+        chart
+            .configure_mesh()
+            .light_line_style(TRANSPARENT)
+            .bold_line_style(RGBColor(222, 222, 222))
+            .axis_style(RGBColor(80, 80, 80))
+            .label_style(label.clone())
+            .axis_desc_style(("sans-serif", 15).into_font())
+            .x_desc(self.x.as_str())
+            .y_desc(self.y.as_str())
+            .x_labels(10)
+            .y_labels(if self.height < 0.6 { 4 } else { 7 })
+            .x_label_formatter(&|x| number(*x))
+            .y_label_formatter(&|y| number(*y))
+            .draw()
+            .map_err(PlotError::of)?;
+        let mut colours = COLOURS.iter().cycle();
+        for series in &self.series {
+            let points = series.points.iter().copied();
+            match series.style {
+                Style::Dots => {
+                    let dots = points.map(|point| Circle::new(point, 2, DATA.mix(0.7).filled()));
+                    chart
+                        .draw_series(dots)
+                        .map_err(PlotError::of)?
+                        .label(series.name.as_str())
+                        .legend(|(x, y)| Circle::new((x + 12, y), 3, DATA.filled()));
+                }
+                Style::Line | Style::Steps => {
+                    let style = colours.next().unwrap_or(&BLACK).stroke_width(2);
+                    chart
+                        .draw_series(LineSeries::new(points, style))
+                        .map_err(PlotError::of)?
+                        .label(series.name.as_str())
+                        .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 24, y)], style));
+                }
+                Style::Dashed => {
+                    let style = colours.next().unwrap_or(&BLACK).stroke_width(2);
+                    chart
+                        .draw_series(DashedLineSeries::new(points, 7, 5, style))
+                        .map_err(PlotError::of)?
+                        .label(series.name.as_str())
+                        .legend(move |(x, y)| {
+                            plotters::element::DashedPathElement::new(vec![(x, y), (x + 24, y)], 7, 5, style)
+                        });
+                }
+            }
+        }
+        if legend {
+            let corner = if crowd > 0 { SeriesLabelPosition::UpperLeft } else { corner };
+            chart
+                .configure_series_labels()
+                .position(corner)
+                .legend_area_size(32)
+                .margin(12)
+                .label_font(label)
+                .background_style(WHITE.mix(0.85))
+                .border_style(RGBColor(200, 200, 200))
+                .draw()
+                .map_err(PlotError::of)?;
+        }
+        Ok(())
+    }
+
+    /// The corner with the fewest points in it, and how many.
+    fn free_corner(&self) -> (SeriesLabelPosition, usize) {
+        let all = || self.series.iter().flat_map(|series| &series.points);
+        let (x, y) = (range(all().map(|(x, _)| *x), 0.0), range(all().map(|(_, y)| *y), 0.0));
+        let share = |value: f64, range: &(f64, f64)| (value - range.0) / (range.1 - range.0);
+        let count = |right: bool, above: bool| {
+            let inside = |(px, py): &&(f64, f64)| {
+                let (px, py) = (share(*px, &x), share(*py, &y));
+                (if right { px > 0.6 } else { px < 0.4 }) && (if above { py > 0.55 } else { py < 0.45 })
+            };
+            all().filter(inside).count()
+        };
+        let corners = [
+            (SeriesLabelPosition::LowerRight, count(true, false)),
+            (SeriesLabelPosition::UpperRight, count(true, true)),
+            (SeriesLabelPosition::UpperLeft, count(false, true)),
+            (SeriesLabelPosition::LowerLeft, count(false, false)),
+        ];
+        corners.into_iter().min_by_key(|(_, count)| *count).unwrap_or((SeriesLabelPosition::LowerRight, 0))
+    }
+}
+
+/// An axis with its labels at round numbers.
+struct Axis((f64, f64));
+
+impl Ranged for Axis {
+    type FormatOption = DefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, value: &f64, limit: (i32, i32)) -> i32 {
+        let (low, high) = self.0;
+        limit.0 + ((value - low) / (high - low) * f64::from(limit.1 - limit.0)).round() as i32
+    }
+
+    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
+        let (low, high) = self.0;
+        let rough = (high - low) / hint.max_num_points().clamp(2, 12) as f64;
+        let power = libm::pow(10.0, libm::floor(libm::log(rough) / core::f64::consts::LN_10));
+        let step = [1.0, 2.0, 5.0, 10.0].map(|factor| factor * power).into_iter().find(|step| *step >= rough);
+        let step = step.unwrap_or(10.0 * power);
+        let (first, last) = ((low / step - 1e-9).ceil() as i64, (high / step + 1e-9).floor() as i64);
+        (first..=last).map(|n| n as f64 * step).collect()
+    }
+
+    fn range(&self) -> std::ops::Range<f64> {
+        self.0.0..self.0.1
+    }
+}
+
+/// From the least to the greatest, with some room; never nothing.
+fn range(values: impl Iterator<Item = f64>, room: f64) -> (f64, f64) {
+    let (low, high) = values.fold((f64::MAX, f64::MIN), |(low, high), value| (low.min(value), high.max(value)));
+    if low > high {
+        return (0.0, 1.0);
+    }
+    let room = if high > low { room * (high - low) } else { 0.5 * high.abs().max(1.0) };
+    // What is never below 0 begins there.
+    (if low >= 0.0 && (low < 0.5 * high || low == high) { 0.0 } else { low - room }, high + room)
+}
+
+/// A number on an axis: no more digits than it needs.
+fn number(value: f64) -> String {
+    let text = format!("{:.6}", if value.abs() < 1e-9 { 0.0 } else { value });
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn labels_are_at_round_numbers() {
+        let axis = Axis((0.0, 402.8));
+        assert_eq!(axis.key_points(6), [0.0, 100.0, 200.0, 300.0, 400.0]);
+        assert_eq!(
+            Axis((-0.3, 0.3)).key_points(4).iter().map(|x| number(*x)).collect::<Vec<_>>(),
+            ["-0.2", "0", "0.2"]
+        );
+    }
+
+    #[test]
+    fn a_figure_has_its_words_and_bears_anything() {
+        let series = |name: &str, style| Series::new(name, style, vec![(0.0, 1.0), (f64::NAN, 2.0), (2.0, 1.0)]);
+        let styles = [("data", Style::Dots), ("model", Style::Line), ("Eq 4", Style::Dashed), ("drive", Style::Steps)];
+        let panel = Panel {
+            x: "time, s".to_owned(),
+            y: "speed, rad/s".to_owned(),
+            height: 1.0,
+            series: styles.map(|(name, style)| series(name, style)).to_vec(),
+        };
+        let empty = Panel { series: Vec::new(), ..panel.clone() };
+        let svg = Figure { title: "spindle".to_owned(), panels: vec![panel, empty] }.svg().unwrap();
+        for word in ["spindle", "time, s", "speed, rad/s", "data", "model", "Eq 4", "drive"] {
+            assert!(svg.contains(word), "{word}");
+        }
+        assert!(!svg.contains("NaN"));
+    }
+}

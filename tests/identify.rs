@@ -1,0 +1,240 @@
+//! `torno identify` and `torno tune`: what a motor is, from its own encoder or a file, and a controller for it.
+
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
+
+mod common;
+
+use std::fs;
+use std::path::Path;
+
+use common::{folder, json, output};
+use serde_json::Value;
+
+const LATHE: &str = include_str!("../harness/builtin/lathe.toml");
+
+fn text(arguments: &[&str]) -> String {
+    let output = output(arguments);
+    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// What is wrong with the command, which must be wrong.
+fn complaint(arguments: &[&str]) -> String {
+    let output = output(arguments);
+    let error = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {error}");
+    assert!(output.stdout.is_empty());
+    error
+}
+
+/// A lathe with other settings of one board.
+fn rig(folder: &Path, kind: &str, settings: &str) -> String {
+    let path = folder.join("rig.toml");
+    let kind = format!("kind = \"{kind}\"");
+    assert!(LATHE.contains(&kind));
+    fs::write(&path, LATHE.replace(&kind, &format!("{kind}\n[board.settings]\n{settings}"))).unwrap();
+    path.to_str().unwrap().to_owned()
+}
+
+fn near(value: &Value, expected: f64, percent: f64) {
+    let found = value.as_f64().unwrap();
+    assert!((found / expected - 1.0).abs() <= percent / 100.0, "{found}, expected {expected} within {percent} %");
+}
+
+/// What a method made of the run that begins with `input`.
+fn row<'a>(found: &'a Value, input: &str, method: &str) -> &'a Value {
+    let runs = found["runs"].as_array().unwrap();
+    let run = runs.iter().find(|run| run["input"].as_str().unwrap().starts_with(input)).unwrap();
+    run["methods"].as_array().unwrap().iter().find(|row| row["method"] == method).unwrap()
+}
+
+/// §4, Eq. 5 and 6: 6.7857/(s + 0.3571); in z for the 30 ms of the text.
+#[test]
+fn the_main_motor_is_what_the_paper_says() {
+    let found = json(&output(&["identify", "lathe", "spindle", "--json"]));
+    let result = &found["result"];
+    near(&result["gain"], 19.0, 0.02);
+    near(&result["tau_s"], 2.8, 0.05);
+    near(&result["s"][0][0], 6.785_714, 0.05);
+    near(&result["s"][1][1], 0.357_143, 0.05);
+    near(&result["z"][0][0], 0.202_485, 0.05);
+    near(&result["z"][1][1], -0.989_343, 0.001);
+    assert_eq!((result["method"].as_str(), found["units"]["speed"].as_str()), (Some("nls"), Some("rad/s")));
+    // The paper's own method is near, plain ARX is not.
+    near(&row(&found, "step", "eq4")["tau_s"], 2.8, 3.0);
+    assert!(row(&found, "step", "arx-ls")["tau_s"].as_f64().unwrap() < 0.96 * 2.8);
+    near(&row(&found, "PRBS", "arx-iv")["tau_s"], 2.8, 1.5);
+    let [low, high] = [0, 1].map(|end| row(&found, "PRBS", "arx-iv")["tau_s_interval"][end].as_f64().unwrap());
+    assert!(low < 2.8 && 2.8 < high, "{low} {high}");
+}
+
+/// §4, Eq. 8 to 11: tp and ts give 1.925 rad/s and 0.361, and the motor behind it is 2.664/(s(0.71875 s + 1)).
+#[test]
+fn the_feed_motor_is_what_the_paper_says() {
+    let found = json(&output(&["identify", "lathe", "transverse", "--json"]));
+    near(&found["result"]["gain"], 7_500.0 / 255.0, 0.02);
+    near(&found["result"]["tau_s"], 0.718_75, 0.05);
+    assert_eq!(found["result"]["s"][1].as_array().unwrap().len(), 3, "there is an integrator");
+    let paper = row(&found, "step", "peak-settling");
+    near(&paper["omega_rad_per_s"], 1.925_269, 1.0);
+    near(&paper["xi"], 0.361_327, 2.0);
+    near(&row(&found, "step", "closed-nls")["xi"], 0.361_327, 0.2);
+    near(&row(&found, "PRBS", "arx-iv")["gain"], 7_500.0 / 255.0, 0.2);
+}
+
+#[test]
+fn another_motor_is_found_without_being_told() {
+    let folder = folder();
+    let path =
+        rig(folder.path(), "spindle", "plant.km_rad_per_s_volt = 11.5\nplant.tau_s = 0.9\ncontroller.window_ms = 20");
+    let found = json(&output(&["identify", &path, "spindle", "--input", "step", "--seconds", "5", "--json"]));
+    near(&found["result"]["gain"], 11.5, 0.1);
+    near(&found["result"]["tau_s"], 0.9, 0.2);
+    near(&found["period_s"], 0.020, 1e-6);
+    // A clock that is off makes longer windows; the firmware does not know, who listens from outside does.
+    let path = folder.path().join("slow.toml");
+    fs::write(&path, LATHE.replace("kind = \"spindle\"", "kind = \"spindle\"\nclock_ppm = -20000")).unwrap();
+    let found = json(&output(&["identify", path.to_str().unwrap(), "spindle", "--input", "step", "--json"]));
+    near(&found["period_s"], 0.030 / 0.98, 0.01);
+    near(&found["result"]["tau_s"], 2.8, 0.05);
+}
+
+#[test]
+fn the_same_seed_gives_the_same_and_another_another() {
+    let run = |seed: &str| text(&["identify", "transverse", "--input", "prbs", "--seed", seed, "--json"]);
+    assert_eq!(run("3"), run("3"));
+    assert_ne!(run("3"), run("4"));
+}
+
+#[test]
+fn a_person_gets_a_table_and_a_picture() {
+    let folder = folder();
+    let path = folder.path().join("spindle.svg");
+    let table = text(&["identify", "spindle", "--plot", path.to_str().unwrap()]);
+    for words in ["6.7857/(s + 0.35714)", "0.20248/(z - 0.98934)", "held and sampled every 30 ms", "Eq 4", "biased"] {
+        assert!(table.contains(words), "{table}\nlacks {words}");
+    }
+    let svg = fs::read_to_string(&path).unwrap();
+    for words in ["<svg", "speed, rad/s", "time, s", "input, V", "counted", "non-linear least squares"] {
+        assert!(svg.contains(words), "{words}");
+    }
+    let only = text(&["identify", "spindle", "--input", "step", "--method", "eq4"]);
+    assert!(only.contains("Eq 4 at 63 %") && !only.contains("biased"), "{only}");
+}
+
+/// Counts of a motor of 12 rad/s per V and 0.4 s behind 200 slots, every 20 ms.
+fn measured(output: impl Fn(f64, f64) -> f64, column: &str) -> String {
+    let angle = |t: f64| 60.0 * (t - 0.4 * (1.0 - libm::exp(-t / 0.4)));
+    let count = |t: f64| (angle(t) * 200.0 / core::f64::consts::TAU).floor();
+    let row = |n: u32| {
+        let t = 0.02 * f64::from(n);
+        format!("{t:.3},5,{}\n", output(count(t), count((t - 0.02).max(0.0))))
+    };
+    format!("# a real motor\ntime_s,input_v,{column}\n") + &(0..150).map(row).collect::<String>()
+}
+
+#[test]
+fn a_real_motor_is_identified_from_a_file() {
+    let folder = folder();
+    let path = folder.path().join("data.csv");
+    let path = path.to_str().unwrap();
+    for (column, text) in
+        [("counts", measured(|now, before| now - before, "counts")), ("position", measured(|now, _| now, "position"))]
+    {
+        fs::write(path, text).unwrap();
+        let found = json(&output(&["identify", "--from", path, "--counts-per-rev", "200", "--json"]));
+        near(&found["result"]["gain"], 12.0, 0.2);
+        near(&found["result"]["tau_s"], 0.4, 1.0);
+        assert_eq!(found["axis"], column == "position");
+        assert_eq!(found["units"]["input"], "v");
+    }
+    let tuned = json(&output(&["tune", "--from", path, "--counts-per-rev", "200", "--json"]));
+    assert_eq!(tuned["law"], "pid");
+    near(&tuned["forecast"]["phase_margin_deg"], 60.0, 1.0);
+}
+
+#[test]
+fn data_that_are_no_good_are_said_to_be_so() {
+    let folder = folder();
+    let path = folder.path().join("data.csv");
+    let path = path.to_str().unwrap();
+    let good = measured(|now, before| now - before, "counts");
+    let after_ten = |text: &str, what: &str| {
+        let mut lines: Vec<&str> = text.lines().collect();
+        lines[12] = what;
+        lines.join("\n")
+    };
+    for (text, expected) in [
+        (good.replace("counts", "count"), "data.csv:2:16: unknown column 'count': did you mean 'counts'?"),
+        (after_ten(&good, "0.2,5,x"), "data.csv:13:7: expected a number, found 'x'"),
+        (after_ten(&good, "0.1,5,3"), "data.csv:13:1: expected a time above 0.18 s, found 0.1 s"),
+        (good.lines().take(12).collect::<Vec<_>>().join("\n"), "the data are too short: expected at least 20 samples"),
+        (measured(|_, _| 0.0, "counts"), "no response at all"),
+        (good.replace(",5,", ",0,"), "the input is 0 from beginning to end"),
+        (measured(|now, before| (now - before).min(25.0), "counts"), "the response saturates"),
+        (measured(|now, before| if now > 1_500.0 { 0.0 } else { now - before }, "counts"), "stops dead"),
+    ] {
+        fs::write(path, text).unwrap();
+        let found = complaint(&["identify", "--from", path]);
+        assert!(found.contains(expected), "{found}\nlacks {expected}");
+    }
+}
+
+#[test]
+fn a_rig_that_cannot_be_identified_says_why() {
+    let folder = folder();
+    for (arguments, expected) in [
+        (vec!["spindel"], "there is no board 'spindel' in the rig 'lathe': did you mean 'spindle'?"),
+        (vec!["master"], "board 'master' has no motor: expected one of spindle, transverse, depth"),
+        (vec!["spindle", "--level", "40"], "level 40: expected above 0 and up to 30 V"),
+        (vec!["spindle", "--seconds", "0"], "seconds 0: expected 1 to 3600"),
+        (vec!["spindle", "--seconds", "2"], "the data are too short: they end after"),
+        (vec!["depth"], "the encoder is too coarse to see the lag"),
+        (vec!["spindle", "--input", "step", "--method", "arx-iv"], "cannot be used on such data"),
+        (vec![], "required"),
+    ] {
+        let found = complaint(&[&["identify"][..], &arguments].concat());
+        assert!(found.contains(expected), "{found}\nlacks {expected}");
+    }
+    let path = rig(folder.path(), "transverse", "plant.travel_mm = 8.9");
+    let found = complaint(&["identify", &path, "transverse", "--input", "step"]);
+    assert!(found.contains("stops dead"), "{found}");
+    assert!(complaint(&["tune", "depth"]).contains("too coarse"));
+}
+
+/// §4: the paper leaves α, β and K open.
+#[test]
+fn the_lead_compensator_does_on_the_rig_what_was_foretold() {
+    let folder = folder();
+    let path = folder.path().join("tune.svg");
+    let found = json(&output(&["tune", "spindle", "--json", "--plot", path.to_str().unwrap()]));
+    near(&found["forecast"]["phase_margin_deg"], 60.0, 0.5);
+    let (shown, foretold) = (&found["shown"]["step"], &found["foretold"]);
+    near(&shown["rise_s"], foretold["rise_s"].as_f64().unwrap(), 2.0);
+    near(&shown["settling_s"], foretold["settling_s"].as_f64().unwrap(), 3.0);
+    assert!(shown["overshoot_percent"].as_f64().unwrap() < 1.0);
+    // The board's default: 61.9°, 22.1 dB.
+    near(&found["present"]["phase_margin_deg"], 61.9, 0.3);
+    near(&found["present"]["gain_margin_db"], 22.1, 0.3);
+    let svg = fs::read_to_string(&path).unwrap();
+    assert!(["speed, rpm", "foretold", "set point", "drive, LSB"].iter().all(|words| svg.contains(words)));
+}
+
+#[test]
+fn the_pid_takes_the_carriage_there_and_holds_it() {
+    let found = json(&output(&["tune", "transverse", "--json"]));
+    near(&found["forecast"]["phase_margin_deg"], 60.0, 0.5);
+    let shown = &found["shown"];
+    assert!(shown["following_error_counts"].as_f64().unwrap() <= 20.0, "{shown}");
+    assert!(shown["overshoot_counts"].as_f64().unwrap() <= 3.0 && shown["in_position_s"].as_f64().unwrap() < 1.0);
+}
+
+#[test]
+fn gains_that_make_the_loop_unstable_are_found_to_do_so() {
+    let folder = folder();
+    let path = rig(folder.path(), "transverse", "controller.k1 = 40.0");
+    let found = text(&["tune", &path, "transverse"]);
+    let expected = "as it is: the loop is unstable: largest pole 1.";
+    assert!(found.contains(expected), "{found}");
+    assert!(complaint(&["tune", "spindle", "--phase-margin", "5"]).contains("expected 10 to 90"));
+}
