@@ -100,7 +100,8 @@ pub struct TransverseController {
     pub k2: f64,
     /// K3 = Kp·Td (Eq. 14), in LSB·s per count: 0 to 1000000. Default 0.27. (Ours.)
     pub k3: f64,
-    /// The gain of the characterisation's loop (Fig. 9), in LSB per count: 0 to 1000000. Default 0.0905815: Km·255/7500.
+    /// The gain of the characterisation's loop (Fig. 9), in LSB per count: 0 to 1000000. Default 0.0905815:
+    /// Km·255/7500.
     pub kch: f64,
     /// The largest error that is integrated, in counts: 0 to 1000000. Default 50. (Ours.)
     pub integral_zone_counts: u32,
