@@ -1,7 +1,7 @@
 //! The figures of the feed axis (§4, Eq. 8 to 15), found again at the real board: sub-frames in, telemetry out.
 //!
-//! Where a figure needs a finer look than 900 slots and 8 bits give, the board has a finer disc and a finer drive, which
-//! its rig file could say as well, and gains in those units; the motor and the law are the same.
+//! Where a figure needs a finer look than 900 slots and 8 bits give, the board has a finer disc and a finer drive,
+//! which its rig file could say as well, and gains in those units; the motor and the law are the same.
 
 #![allow(clippy::unwrap_used, reason = "part of tests")]
 #![allow(clippy::disallowed_methods, reason = "what is compared with a tolerance may differ in its last digits")]

@@ -83,7 +83,7 @@ fn backlash_is_hidden_from_the_encoder_on_the_motor_and_seen_by_the_one_on_the_s
     assert!((40..=45).contains(&bench.value("carriage_offset_counts")));
 
     let mut settings = DepthSettings::default();
-    settings.plant.backlash_mm = 0.5;
+    settings.plant.backlash_mm = 0.2;
     let mut bench = Bench::new(Depth::new(&settings, Clock::TRUE));
     bench.send(&[0, 3, 1]);
     assert!(bench.run_until_mute(30));
@@ -92,7 +92,7 @@ fn backlash_is_hidden_from_the_encoder_on_the_motor_and_seen_by_the_one_on_the_s
     let mut bench = Bench::new(Depth::new(&DepthSettings::default(), Clock::TRUE));
     bench.send(&[0, 3, 1]);
     assert!(bench.run_until_mute(30));
-    near("longer by the gap", backwards - bench.sent[0].0.as_secs_f64(), 0.5 / 0.266_667, 0.011);
+    near("longer by the gap", backwards - bench.sent[0].0.as_secs_f64(), 0.2 / 0.266_667, 0.011);
 }
 
 #[test]
