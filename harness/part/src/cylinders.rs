@@ -47,12 +47,9 @@ pub fn cylinders(part: &Profile, between: f64) -> Vec<Cylinder> {
     for place in 1..found.len() {
         let (before, after) = (found[place - 1], found[place]);
         if before.to - after.from <= between + GRID {
-            if before.diameter < after.diameter {
-                // The last point of the fillet: the next is outside the shoulder.
-                found[place - 1].to = after.from + GRID;
-            } else {
-                found[place].from = before.to - GRID;
-            }
+            // The last point of the fillet: the next is outside the shoulder.
+            let shoulder = if before.diameter < after.diameter { after.from + GRID } else { before.to };
+            (found[place - 1].to, found[place].from) = (shoulder, shoulder);
         }
     }
     found
@@ -75,8 +72,8 @@ mod tests {
         assert_eq!(found.len(), 4, "{found:?}");
         for (cylinder, (diameter, from, to)) in found.iter().zip(expected) {
             assert!((cylinder.diameter - diameter).abs() < 1e-9, "{found:?}");
-            assert!((cylinder.from - from).abs() <= 1.5 * GRID, "{found:?}");
-            assert!((cylinder.to - to).abs() <= 1.5 * GRID, "{found:?}");
+            assert!((cylinder.from - from).abs() <= 0.5 * GRID, "{found:?}");
+            assert!((cylinder.to - to).abs() <= 0.5 * GRID, "{found:?}");
             assert_eq!(cylinder.stock, diameter == 28.0);
         }
     }

@@ -15,21 +15,25 @@ pub struct Deviation {
     pub z: f64,
 }
 
-/// The worst deviation of one part from another, in diameter, [`SHOULDER`]s apart. Both come of the same bar.
-pub fn deviation(got: &Profile, asked: &Profile) -> Deviation {
+/// How much thicker a part is than another, point by point, in mm of diameter; both come of the same bar. What is within
+/// [`SHOULDER`] is right.
+pub fn deviations(got: &Profile, asked: &Profile) -> Vec<f64> {
     let near = (SHOULDER / GRID).round() as usize;
     let radii = asked.radii();
-    let off = |point: usize| {
+    let off = |(point, radius): (usize, &f64)| {
         let Some(last) = radii.len().checked_sub(1) else { return 0.0 };
         let around = &radii[point.saturating_sub(near).min(last)..=(point + near).min(last)];
         let least = around.iter().copied().fold(f64::INFINITY, f64::min);
         let most = around.iter().copied().fold(0.0, f64::max);
-        let radius = got.radii()[point];
         2.0 * (radius - radius.clamp(least, most))
     };
+    got.radii().iter().enumerate().map(off).collect()
+}
+
+/// The worst of the [`deviations`].
+pub fn deviation(got: &Profile, asked: &Profile) -> Deviation {
     let mut worst = (0.0, 0..0);
-    for point in 0..got.radii().len() {
-        let here: f64 = off(point);
+    for (point, here) in deviations(got, asked).into_iter().enumerate() {
         if here.abs() > f64::abs(worst.0) + 1e-9 {
             worst = (here, point..point);
         } else if here != 0.0 && (here - worst.0).abs() <= 1e-9 && point == worst.1.end + 1 {

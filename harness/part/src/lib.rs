@@ -5,16 +5,19 @@
 //! nothing.
 //!
 //! [`Nose`] is what cuts, [`Profile`] what is left of the bar, [`Turning`] goes the way and notes what should not
-//! happen on it ([`Event`]), [`cylinders`] measures the part, [`deviation`] holds it against another.
+//! happen on it ([`Event`]), [`cylinders`] measures the part, [`deviation`] holds it against another,
+//! [`outline`] is what to draw of it.
 
 mod cylinders;
 mod deviation;
 mod nose;
+mod outline;
 mod profile;
 mod turning;
 
 pub use cylinders::{Cylinder, cylinders};
-pub use deviation::{Deviation, SHOULDER, deviation};
+pub use deviation::{Deviation, SHOULDER, deviation, deviations};
 pub use nose::Nose;
+pub use outline::outline;
 pub use profile::{GRID, Place, Profile, Shaving};
 pub use turning::{Event, Happening, Limits, Resolution, Turning};
