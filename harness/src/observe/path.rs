@@ -39,7 +39,7 @@ struct Sum<'a> {
 }
 
 impl<'a> Sum<'a> {
-    /// Quantities that the sum is of count from where the rig starts: from 0.
+    /// Quantities count from where the rig starts: they are 0 there.
     fn new(source: &'a Source) -> Self {
         Self { source, values: vec![0; source.signals.len()] }
     }
@@ -95,5 +95,57 @@ impl ToolPath {
         }
         let (profile, happenings) = turning.finish();
         Turned { profile, happenings }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rig::file::RigFile;
+
+    const TRANSVERSE: usize = 2;
+    const DEPTH: usize = 3;
+
+    fn told(node: usize, ms: u64, signal: u8, value: i64) -> Fact {
+        Fact::Telemetry { node, at: Instant::from_nanos(ms * 1_000_000), signal, value }
+    }
+
+    fn cut(facts: &[Fact]) -> Turned {
+        let mut path = ToolPath::new(RigFile::load("lathe").unwrap().part.as_ref().unwrap());
+        facts.iter().for_each(|fact| path.add(fact));
+        path.cut()
+    }
+
+    #[test]
+    fn the_carriage_is_where_it_is_and_not_where_the_firmware_believes_it_to_be() {
+        // Seven slots in, two of them clear of the bar; the firmware has counted five.
+        let [position, offset] = [0, 3];
+        let turned = cut(&[
+            told(DEPTH, 1_000, position, -5),
+            told(DEPTH, 2_000, offset, -2),
+            told(TRANSVERSE, 3_000, position, -900),
+            told(TRANSVERSE, 3_000, 1, -70_000),
+        ]);
+        let slot = 160.0 / 900.0;
+        assert!((turned.profile.diameter(-1.0).unwrap() - (28.0 - 2.0 * 5.0 * slot)).abs() < 1e-9);
+        assert_eq!(turned.profile.diameter(-2.01), Some(28.0));
+    }
+
+    #[test]
+    fn in_what_order_boards_are_heard_does_not_matter() {
+        let depth = [told(DEPTH, 10, 0, -4), told(DEPTH, 4_000, 0, 0)];
+        let feed: Vec<Fact> = (1..100).map(|n| told(TRANSVERSE, 30 * n, 0, -50 * n as i64)).collect();
+        let one = cut(&[&depth[..], &feed].concat());
+        let other = cut(&[&feed[..], &depth].concat());
+        assert_eq!(one.profile, other.profile);
+        assert_eq!(one.happenings, other.happenings);
+        assert!(one.profile.diameter(-1.0).unwrap() < 28.0);
+    }
+
+    #[test]
+    fn a_slip_that_the_sum_does_not_show_is_no_move() {
+        // The encoder invents counts: what the firmware believes changes, where the carriage is does not.
+        let slip = [told(DEPTH, 10, 0, -4), told(DEPTH, 10, 3, 4), told(TRANSVERSE, 20, 0, -900)];
+        assert_eq!(cut(&slip).profile.diameter(-1.0), Some(28.0));
     }
 }
