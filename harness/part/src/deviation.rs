@@ -15,8 +15,8 @@ pub struct Deviation {
     pub z: f64,
 }
 
-/// How much thicker a part is than another, point by point, in mm of diameter; both come of the same bar. What is within
-/// [`SHOULDER`] is right.
+/// How much thicker a part is than another, point by point, in mm of diameter; both come of the same bar. What is
+/// within [`SHOULDER`] is right.
 pub fn deviations(got: &Profile, asked: &Profile) -> Vec<f64> {
     let near = (SHOULDER / GRID).round() as usize;
     let radii = asked.radii();

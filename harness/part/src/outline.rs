@@ -2,8 +2,8 @@
 
 use crate::{Place, Profile};
 
-/// The corners of a profile's radii, from the face on: straight lines from one to the next are nowhere further from them
-/// than `within`, in mm.
+/// The corners of a profile's radii, from the face on: straight lines from one to the next are nowhere further from
+/// them than `within`, in mm.
 pub fn outline(radii: &[f64], within: f64) -> Vec<Place> {
     let Some(end) = radii.len().checked_sub(1) else { return Vec::new() };
     let mut corners = vec![0];

@@ -1,4 +1,5 @@
-//! What is made of the facts: a digest, the last telemetry, a log, a waveform dump, the tool's way. None of it touches the rig.
+//! What is made of the facts: a digest, the last telemetry, a log, a waveform dump, the tool's way. None of it touches
+//! the rig.
 
 mod digest;
 pub mod log;

@@ -1,7 +1,7 @@
 //! Scenarios in Rust, for integration tests: the same things as in a scenario file, in the same words.
 //!
-//! What is written here becomes a scenario file ([`Prose::toml`]), and that is what runs: so all checks and all messages
-//! are those of files, and a test that fails shows the file that repeats it.
+//! What is written here becomes a scenario file ([`Prose::toml`]), and that is what runs: so all checks and all
+//! messages are those of files, and a test that fails shows the file that repeats it.
 //!
 //! ```
 //! use torno::scenario::prose::{board, line, reply, scenario};

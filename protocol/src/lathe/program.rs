@@ -68,8 +68,8 @@ impl Program {
         self.frames.concat()
     }
 
-    /// Where each frame asks the tool to be when it is done, in order. Distances are relative, so the places are too: to
-    /// where the tool stands before the first frame. A frame that would be refused moves nothing.
+    /// Where each frame asks the tool to be when it is done, in order. Distances are relative, so the places are too:
+    /// to where the tool stands before the first frame. A frame that would be refused moves nothing.
     pub fn destinations(&self) -> Vec<Destination> {
         let mut place = Destination::default();
         let go = |bytes: &[u8; LENGTH]| {
