@@ -1,7 +1,8 @@
 //! The drawing of a part (SVG): stock, asked and got, to scale, as a workshop draws it.
 //!
 //! An A4 sheet across, in mm: the half section with its dimensions, under it how far the part is from what was asked
-//! for along the same axis, and a title block. ISO 128 (lines), 129-1 (dimensions) and 5455 (scales), as far as they go.
+//! for along the same axis, and a title block. ISO 128 (lines), 129-1 (dimensions) and 5455 (scales), as far as they
+//! go.
 
 use std::fmt::{Display, Write};
 
