@@ -5,7 +5,7 @@ use torno_protocol::lathe::{Conversation, Outcome, Program, Reply, ReplyDecoder}
 use torno_protocol::time::{Instant, Span};
 
 use crate::engine::{Disturbance, Fact, Limit, NodeId};
-use crate::observe::{Digest, Sum, Telemetry, Waveforms, log};
+use crate::observe::{Digest, Sum, Telemetry, ToolPath, Waveforms, log};
 use crate::pace::{Brake, Pace};
 use crate::pc::{PcEvent, PcProgram, PcUart};
 use crate::rig::file::RigFile;
@@ -99,6 +99,8 @@ pub struct Finale {
     pub measured: Option<std::time::Duration>,
     /// The waveforms, if they were to be kept.
     pub waveforms: Option<Waveforms>,
+    /// The way that the tool went, if the rig turns a part.
+    pub path: Option<ToolPath>,
 }
 
 /// How a board ended.
@@ -116,6 +118,7 @@ struct Stage {
     digest: Digest,
     telemetry: Telemetry,
     waveforms: Option<Waveforms>,
+    path: Option<ToolPath>,
     recorder: Option<Recorder>,
     decoder: ReplyDecoder,
     conversation: Conversation,
@@ -157,7 +160,8 @@ impl Play {
         let pc = rig.pc();
         let start = Instant::START + PROGRAM_START.max(self.file.margin());
         rig.stimulate(pc, start, Stimulus::Write(self.program.bytes()));
-        let mut stage = Stage::new(rig, self.waveforms, recorder);
+        let path = self.file.part.as_ref().map(ToolPath::new);
+        let mut stage = Stage::new(rig, self.waveforms, path, recorder);
         let mut brake = Brake::new(self.pace)?;
         loop {
             let limit = if self.pace == Pace::Max { Limit::NONE } else { brake.limit() };
@@ -206,11 +210,12 @@ fn break_it(rig: &mut Rig, breakage: &Breakage) -> Result<(), RigError> {
 }
 
 impl Stage {
-    fn new(rig: Rig, waveforms: bool, recorder: Option<Recorder>) -> Self {
+    fn new(rig: Rig, waveforms: bool, path: Option<ToolPath>, recorder: Option<Recorder>) -> Self {
         Self {
             digest: Digest::new(&rig),
             telemetry: Telemetry::new(&rig),
             waveforms: waveforms.then(|| Waveforms::new(&rig)),
+            path,
             recorder,
             rig,
             decoder: ReplyDecoder::default(),
@@ -238,6 +243,9 @@ impl Stage {
             self.telemetry.add(&fact);
             if let Some(waveforms) = &mut self.waveforms {
                 waveforms.add(&fact);
+            }
+            if let Some(path) = &mut self.path {
+                path.add(&fact);
             }
             if let Fact::Event { node, at, event, value } = fact {
                 self.now = self.now.max(at);
@@ -293,6 +301,7 @@ impl Stage {
             costs: self.rig.costs(),
             measured: self.rig.measured(),
             waveforms: self.waveforms,
+            path: self.path,
             conversation: self.conversation,
         })
     }

@@ -1,17 +1,20 @@
 //! `torno run`
 
 use std::fs::File;
-use std::io::BufWriter;
+use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
 
 use anyhow::Context;
-use torno::observe::log;
+use torno::observe::{ToolPath, Turned, log};
 use torno::pace::Pace;
 use torno::play::{Finale, Play};
-use torno::report::{Bar, BoardSummary, Frames, Stats, Summary, failures};
+use torno::report::drawing::Drawing;
+use torno::report::{Bar, BoardSummary, Frames, PartSummary, Stats, Summary, failures};
+use torno::rig::part::Part;
 use torno::trace::Header;
+use torno_part::Profile;
 use torno_protocol::lathe::Outcome;
 
 use super::{
@@ -39,6 +42,9 @@ pub(super) struct Arguments {
     /// Writes every line of the rig as a one-bit signal, in nanoseconds
     #[arg(long, value_name = "FILE")]
     vcd: Option<PathBuf>,
+    /// Draws the part that was turned: bar, asked and got, to scale (SVG)
+    #[arg(long, value_name = "FILE")]
+    part: Option<PathBuf>,
     /// Also tells what limits the rig: turns, bytes, and where the time goes
     #[arg(long)]
     stats: bool,
@@ -56,8 +62,15 @@ impl Arguments {
         let (rig, program) = rig_and_program(self.rig, self.program);
         let file = load_rig(&rig, &self.set)?;
         let (program_name, program) = load_program(program.as_deref())?;
+        anyhow::ensure!(
+            self.part.is_none() || file.part.is_some(),
+            "--part: the rig '{}' turns no part: expected a [part] in its file",
+            file.name
+        );
         // Before anything runs: a file that cannot be written must not cost a run.
         let vcd = self.vcd.as_deref().map(create).transpose()?;
+        let drawing = self.part.as_deref().map(create).transpose()?;
+        let asked = file.part.as_ref().map(|part| (part.clone(), part.asked(&program)));
         let header = Header::new(&file, &rig, self.seed, Some(&program_name));
         let recorder = self.record.as_deref().map(|path| start_recording(path, &header)).transpose()?;
         let frames = program.frames.len();
@@ -71,7 +84,7 @@ impl Arguments {
         let mut interrupt = Interrupt::listen()?;
         let bar = Bar::new(frames, started);
         let run = play.record(recorder, |progress| bar.update(progress.conversation.accepted, Some(progress.now)));
-        let finale = tokio::select! {
+        let mut finale = tokio::select! {
             finale = run => finale?,
             () = interrupt.received() => return Ok(ExitCode::from(INTERRUPTED)),
         };
@@ -79,11 +92,39 @@ impl Arguments {
         if let (Some((path, file)), Some(waveforms)) = (vcd, &finale.waveforms) {
             waveforms.write(file, finale.end, tail).with_context(|| format!("cannot write '{}'", path.display()))?;
         }
+        let part = asked.zip(finale.path.take().map(ToolPath::cut));
+        let part = part.map(|((part, asked), turned)| Cut {
+            summary: PartSummary::new(&part, &turned, &asked),
+            part,
+            asked,
+            turned,
+        });
+        if let (Some((path, mut file)), Some(cut)) = (drawing, &part) {
+            let svg = cut.draw(&rig, &program_name);
+            let written = file.write_all(svg.as_bytes()).and_then(|()| file.flush());
+            written.with_context(|| format!("cannot write '{}'", path.display()))?;
+        }
         let completed = finale.outcome == Outcome::Completed;
-        let summary = summary(finale, rig, program_name, frames, self.seed, started);
+        let part = part.map(|cut| cut.summary);
+        let summary = Summary { part, ..summary(finale, rig, program_name, frames, self.seed, started) };
         let text = if self.json { serde_json::to_string(&summary)? + "\n" } else { summary.text(colour()) };
         print(&text)?;
         Ok(if completed { ExitCode::SUCCESS } else { ExitCode::from(FAILED) })
+    }
+}
+
+/// The part that a run has turned.
+struct Cut {
+    part: Part,
+    asked: Profile,
+    turned: Turned,
+    summary: PartSummary,
+}
+
+impl Cut {
+    fn draw(&self, rig: &str, program: &str) -> String {
+        let Self { part, asked, turned, summary } = self;
+        Drawing { rig, program, part, turned, asked, summary }.svg()
     }
 }
 
@@ -110,6 +151,7 @@ fn summary(finale: Finale, rig: String, program: String, frames: usize, seed: u6
         digest: Some(finale.digest.to_string()),
         pid: std::process::id(),
         incidents: finale.incidents.iter().map(|incident| format!("{}: {incident}", incident.at)).collect(),
+        part: None,
         stats: finale.measured.map(|measured| Stats::new(&finale.costs, virtual_s, wall, measured)),
         order: finale.boards.iter().map(|board| board.name.clone()).collect(),
         boards: finale

@@ -74,6 +74,7 @@ impl Arguments {
             pid: std::process::id(),
             incidents: Vec::new(),
             boards: BTreeMap::new(),
+            part: None,
             stats: None,
             order: Vec::new(),
         };

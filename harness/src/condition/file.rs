@@ -21,6 +21,7 @@ pub(crate) struct RawCondition {
     equals: Option<i64>,
     at_least: Option<i64>,
     at_most: Option<i64>,
+    part: Option<Spanned<String>>,
 }
 
 #[derive(Clone, Debug, Deserialize)]
@@ -49,6 +50,12 @@ pub(crate) fn words(text: &str) -> Vec<String> {
 }
 
 impl RawCondition {
+    /// The event of the part, if that is what it says, and nothing else.
+    pub(crate) fn of_part(&self) -> Option<&Spanned<String>> {
+        let others = [&self.reply, &self.line, &self.board, &self.event, &self.quantity, &self.within];
+        self.part.as_ref().filter(|_| others.into_iter().all(Option::is_none) && self.character.is_none())
+    }
+
     /// The condition, in a rig with these names.
     ///
     /// # Errors
@@ -56,6 +63,10 @@ impl RawCondition {
     pub(crate) fn check(&self, names: &Names) -> Result<Condition, Complaint> {
         if let Some(nth) = self.character.as_ref().filter(|nth| self.line.is_none() || *nth.get_ref() == 0) {
             return Err((nth.span(), "character: expected which one of a line, from 1".to_owned()));
+        }
+        if let Some(part) = &self.part {
+            let message = "part: the part is cut when all is done: expected this alone, in expect.never";
+            return Err((part.span(), message.to_owned()));
         }
         match self {
             Self { reply: Some(reply), line: None, board: None, .. } => {

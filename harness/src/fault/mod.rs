@@ -12,7 +12,7 @@ pub use dice::Dice;
 pub use faults::{Faults, Planned, Trigger};
 pub use file::{BOARD_KINDS, FaultFileError, LINE_KINDS, RawFault, load};
 pub(crate) use file::{span, text_drawn};
-pub use quantity::{Range, Ratio, parse_ratio, parse_span};
+pub use quantity::{Range, Ratio, parse_length, parse_ratio, parse_span};
 
 use torno_protocol::board::{Heeds, Stimulus};
 use torno_protocol::clock::Clock;

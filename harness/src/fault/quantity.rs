@@ -28,6 +28,15 @@ pub fn parse_ratio(text: &str) -> Result<Ratio, String> {
     }
 }
 
+/// Reads a length, in mm: a number and `mm` or `um`.
+///
+/// # Errors
+/// What was expected.
+pub fn parse_length(text: &str) -> Result<f64, String> {
+    let expected = || format!("'{text}': expected a length, such as \"-20 mm\" or \"50 um\"");
+    scaled(text, &[("mm", 1.0), ("um", 1e-3), ("µm", 1e-3)]).ok_or_else(expected)
+}
+
 /// From a quantity to another of the same unit, both included.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Range {
@@ -95,6 +104,16 @@ mod tests {
         }
         for wrong in ["", "5", "5 m", "s", "-1 s", "nan s", "5 %", "1e99 s"] {
             assert!(parse_span(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn lengths_have_units() {
+        for (text, mm) in [("-20 mm", -20.0), ("0.4mm", 0.4), ("500 um", 0.5), ("2 µm", 0.002)] {
+            assert_eq!(parse_length(text), Ok(mm), "{text}");
+        }
+        for wrong in ["", "20", "mm", "20 m", "nan mm", "20 s"] {
+            assert!(parse_length(wrong).is_err(), "{wrong}");
         }
     }
 

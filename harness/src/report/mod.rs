@@ -1,11 +1,14 @@
 //! What a person, or a program, is told at the end of a run and on the way.
 
+pub mod drawing;
+mod part;
 pub mod plot;
 mod progress;
 mod stats;
 mod summary;
 mod tested;
 
+pub use part::{EventSummary, Measure, PartSummary, Worst};
 pub use progress::Bar;
 pub use stats::{BytesPerTurn, Shares, Stats};
 pub use summary::{BoardSummary, Frames, Summary, failures};

@@ -7,7 +7,7 @@ use anstyle::{AnsiColor, Style};
 use serde::Serialize;
 use torno_protocol::lathe::Conversation;
 
-use super::Stats;
+use super::{PartSummary, Stats};
 
 /// What is told at the end of a program; as JSON, one object on one line.
 #[derive(Clone, Debug, Serialize)]
@@ -46,6 +46,9 @@ pub struct Summary {
     pub incidents: Vec<String>,
     /// The boards.
     pub boards: BTreeMap<String, BoardSummary>,
+    /// The part that was turned, if the rig turns one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub part: Option<PartSummary>,
     /// What it cost, if that was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub stats: Option<Stats>,
@@ -148,6 +151,9 @@ impl Summary {
                 )?;
             }
             _ => writeln!(text, "{:<9}{:.3} s", "time", self.wall_s)?,
+        }
+        if let Some(part) = &self.part {
+            part.write(text, problem)?;
         }
         if let (Some(digest), Some(seed)) = (&self.digest, self.seed) {
             writeln!(text, "{:<9}{digest} (seed {seed})", "digest")?;

@@ -12,6 +12,8 @@ use torno_protocol::time::Span;
 use torno_protocol::uart::BITS_PER_CHARACTER;
 
 use super::kinds::{self, KindError};
+use super::names::Names;
+use super::part::{Part, RawPart};
 use super::place;
 use crate::text::{self, Complaint, Invalid, TextError};
 
@@ -32,6 +34,8 @@ pub struct RigFile {
     pub boards: Vec<Board>,
     /// The links between boards, each as two ends: a board's place in `boards` and its port.
     pub links: Vec<[(usize, u8); 2]>,
+    /// The part that it turns, if it does.
+    pub part: Option<Part>,
     /// The file's text.
     pub text: String,
 }
@@ -114,6 +118,7 @@ struct RawRig {
     board: Vec<RawBoard>,
     #[serde(default)]
     link: Vec<RawLink>,
+    part: Option<RawPart>,
 }
 
 #[derive(Deserialize)]
@@ -278,7 +283,9 @@ impl RigFile {
             }
             links.push(link);
         }
-        Ok(Self { name: raw.name.into_inner(), pc, boards, links, text: String::new() })
+        let mut file = Self { name: raw.name.into_inner(), pc, boards, links, part: None, text: String::new() };
+        file.part = raw.part.map(|part| part.check(&Names::of(&file))).transpose()?;
+        Ok(file)
     }
 }
 

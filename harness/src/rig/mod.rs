@@ -5,6 +5,7 @@ pub mod file;
 mod input;
 pub mod kinds;
 pub mod names;
+pub mod part;
 pub mod place;
 mod process;
 

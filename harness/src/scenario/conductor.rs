@@ -10,7 +10,7 @@ use super::{Action, Failure, Scenario, Step};
 use crate::condition::{Claim, Condition, is_reply};
 use crate::engine::{Fact, Limit, NodeId, REACTION, WatchId};
 use crate::fault::{Fault, Faults, Trigger};
-use crate::observe::{Digest, Sum};
+use crate::observe::{Digest, Sum, ToolPath};
 use crate::pc::{PcEvent, PcUart, Replies};
 use crate::rig::{Driver, Rig, RigError};
 use crate::trace::{self, Recorder};
@@ -82,6 +82,8 @@ struct Conductor<'a> {
     rig: Rig,
     recorder: Option<Recorder>,
     digest: Digest,
+    /// The way of the tool, if something is expected of the part.
+    path: Option<ToolPath>,
     /// The last value of each quantity of each board.
     values: Vec<Vec<i64>>,
     /// What the PC has heard.
@@ -105,6 +107,7 @@ impl<'a> Conductor<'a> {
         Self {
             scenario,
             digest: Digest::new(&rig),
+            path: scenario.part.as_ref().map(|expected| ToolPath::new(&expected.part)),
             values: rig.nodes().iter().map(initial).collect(),
             rig,
             recorder,
@@ -261,6 +264,9 @@ impl<'a> Conductor<'a> {
         }
         for fact in facts {
             self.digest.add(&fact);
+            if let Some(path) = &mut self.path {
+                path.add(&fact);
+            }
             match fact {
                 Fact::Telemetry { node, at, signal, value } => {
                     self.values[node][usize::from(signal)] = value;
@@ -380,6 +386,7 @@ impl<'a> Conductor<'a> {
         if passed {
             self.check_end();
         }
+        self.check_part(passed);
         let digest = self.digest.sum();
         if let Some(recorder) = &mut self.recorder {
             let outcome = if self.failures.is_empty() { "passed" } else { "failed" };
@@ -403,6 +410,27 @@ impl<'a> Conductor<'a> {
             }
             // As far as the next thing that happens, and no further: a watched board that is mute is never at an end.
             self.now = limit.min(self.rig.engine().next_instant().next().max(self.now.next()));
+        }
+    }
+
+    /// Cuts the part, and holds it against what is expected: of its diameters only if all has been done.
+    fn check_part(&mut self, passed: bool) {
+        let scenario = self.scenario;
+        let Some((expected, path)) = scenario.part.as_ref().zip(self.path.take()) else { return };
+        let turned = path.cut();
+        for never in &expected.never {
+            if let Some(first) = turned.happenings.iter().find(|happening| happening.event == *never) {
+                let at = Instant::START + Span::from_nanos((first.at.0 * 1e9).round() as u64);
+                let came = format!("at z = {:.2} mm, {:.2} {}", first.place.z, first.worst, never.unit());
+                let failure = self.failure(None, &format!("never {}", never.text()), came, None);
+                self.failures.push(Failure { at, context: self.context(at).collect(), ..*failure });
+            }
+        }
+        for diameter in expected.diameters.iter().filter(|_| passed) {
+            if let Some(came) = diameter.contradicted(&turned) {
+                let failure = self.failure(None, &diameter.to_string(), came, None);
+                self.failures.push(*failure);
+            }
         }
     }
 

@@ -7,6 +7,7 @@ use toml::Spanned;
 use torno_protocol::lathe::Program;
 use torno_protocol::time::Span;
 
+use super::part::{self, RawDiameter};
 use super::{Action, PATIENCE, Scenario, Step};
 use crate::condition::{RawClaim, RawCondition, words};
 use crate::fault::{Dice, Fault, RawFault, span, text_drawn};
@@ -88,6 +89,8 @@ struct RawExpect {
     always: Vec<RawClaim>,
     #[serde(default)]
     never: Vec<RawCondition>,
+    #[serde(default)]
+    part: Vec<RawDiameter>,
 }
 
 impl Scenario {
@@ -151,6 +154,10 @@ impl Scenario {
             }
             steps.push(Step { does: step.does, action });
         }
+        let (never_of_part, never): (Vec<_>, Vec<_>) =
+            raw.expect.never.iter().partition(|never| never.of_part().is_some());
+        let never_of_part: Vec<_> = never_of_part.into_iter().filter_map(RawCondition::of_part).collect();
+        let part = part::check(&file, &raw.expect.part, &never_of_part)?;
         let claims = |raw: &[RawClaim]| raw.iter().map(|claim| claim.check(&names)).collect::<Result<Vec<_>, _>>();
         Ok(Self {
             name: raw.name,
@@ -164,7 +171,8 @@ impl Scenario {
             finally: claims(&raw.expect.finally)?,
             always: claims(&raw.expect.always)?,
             replies: raw.expect.replies.as_deref().map(words),
-            never: raw.expect.never.iter().map(|never| never.check(&names)).collect::<Result<_, _>>()?,
+            never: never.iter().map(|never| never.check(&names)).collect::<Result<_, _>>()?,
+            part,
             end: raw.end.as_ref().map_or(Ok(END), span)?,
         })
     }

@@ -8,12 +8,14 @@ mod batch;
 mod conductor;
 mod failure;
 mod file;
+mod part;
 pub mod prose;
 
 pub use batch::{run_all, run_recorded};
 pub use conductor::{Outcome, record, run, run_in_slices};
 pub use failure::Failure;
 pub use file::ScenarioError;
+pub use part::{Diameter, PartExpected};
 
 use torno_protocol::time::Span;
 
@@ -51,6 +53,8 @@ pub struct Scenario {
     pub replies: Option<Vec<String>>,
     /// What must not happen.
     pub never: Vec<Condition>,
+    /// What is expected of the part, if something is.
+    pub part: Option<PartExpected>,
     /// The scenario ends here at the latest, even if the rig is not quiet.
     pub end: Span,
 }

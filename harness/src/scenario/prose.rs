@@ -172,6 +172,13 @@ impl Prose {
         self.expects("always", condition)
     }
 
+    /// The diameter that the part must have at the end, so far from its face: `"-20 mm"`, `"24 mm"`, `"0.4 mm"`.
+    pub fn diameter(self, z: &str, diameter: &str, within: &str) -> Self {
+        let fields = [("z", z), ("diameter", diameter), ("within", within)];
+        let fields = fields.map(|(name, value)| (name.to_owned(), Value::from(value)));
+        self.expects("part", Condition(Table::from_iter(fields)))
+    }
+
     /// What must not happen.
     pub fn never(self, condition: Condition) -> Self {
         self.expects("never", condition)
@@ -246,6 +253,11 @@ pub struct Condition(Table);
 /// The PC hears a reply: `XON`, `NAK o`, `CAN d n`; `NAK` alone is any refusal, `CAN` any failure.
 pub fn reply(reply: &str) -> Condition {
     Condition(Table::from_iter([("reply".to_owned(), reply.into())]))
+}
+
+/// An event of the part, which a scenario can forbid: `stopped`, `rapid`, `chuck`, `deep`.
+pub fn part(event: &str) -> Condition {
+    Condition(Table::from_iter([("part".to_owned(), event.into())]))
 }
 
 /// A board, by its name.

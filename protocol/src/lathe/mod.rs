@@ -44,7 +44,7 @@ use crate::uart::BITS_PER_CHARACTER;
 pub use conversation::{Conversation, Outcome};
 pub use frame::{DepthPart, Direction, Frame, Refusal, SpindlePart, TransversePart};
 pub use parity::Parity;
-pub use program::{Program, ProgramError};
+pub use program::{Destination, Program, ProgramError};
 pub use reply::{Fault, Party, Reply, ReplyDecoder, Slave};
 
 /// The speed of every link, in baud; 8N1. (Ours.)

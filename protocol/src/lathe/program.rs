@@ -3,7 +3,7 @@
 //! `#` starts a comment, blank lines are skipped. The bytes are sent as they stand, in range or not: a program may well
 //! be written to see a frame refused.
 
-use crate::lathe::frame::LENGTH;
+use crate::lathe::frame::{Frame, LENGTH};
 
 /// A program, ready to be sent.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -67,6 +67,30 @@ impl Program {
     pub fn bytes(&self) -> Vec<u8> {
         self.frames.concat()
     }
+
+    /// Where each frame asks the tool to be when it is done, in order. Distances are relative, so the places are too:
+    /// to where the tool stands before the first frame. A frame that would be refused moves nothing.
+    pub fn destinations(&self) -> Vec<Destination> {
+        let mut place = Destination::default();
+        let go = |bytes: &[u8; LENGTH]| {
+            if let Ok(frame) = Frame::parse(*bytes) {
+                let (transverse, depth) = (frame.transverse, frame.depth);
+                place.transverse += transverse.direction().sign() * i64::from(transverse.distance());
+                place.depth += depth.direction().sign() * i64::from(depth.distance());
+            }
+            place
+        };
+        self.frames.iter().map(go).collect()
+    }
+}
+
+/// Where a program asks the tool to be.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Destination {
+    /// Encoder counts of the transverse axis, away from the chuck.
+    pub transverse: i64,
+    /// Slots of the depth axis, out of the work.
+    pub depth: i64,
 }
 
 fn parse_byte(word: &str) -> Option<u8> {
@@ -87,6 +111,14 @@ mod tests {
         assert_eq!(Program::parse(text), Err(error));
         let program = Program::parse(&text[..text.len() - 8]).unwrap();
         assert_eq!(program.frames, [[0x4b, 0x70, 0x23, 0x28, 0x01, 0x00, 0x38, 0x00]]);
+    }
+
+    #[test]
+    fn destinations_add_up_and_a_refused_frame_moves_nothing() {
+        let text = "4B 70 23 28 01 00 05 01\n4B 70 00 0A 00 00 02 00\n4B 70 00 0A 02 00 02 00\n00 00 00 00 00 00 00 00";
+        let places = Program::parse(text).unwrap().destinations();
+        let places: Vec<_> = places.iter().map(|place| (place.transverse, place.depth)).collect();
+        assert_eq!(places, [(-9000, -5), (-8990, -3), (-8990, -3), (-8990, -3)]);
     }
 
     #[test]

@@ -1,0 +1,158 @@
+//! What is told of the part that a run has turned.
+
+use std::fmt::{self, Write};
+
+use anstyle::Style;
+use serde::Serialize;
+use torno_part::{Cylinder, GRID, Happening, Profile, cylinders, deviation};
+
+use crate::observe::Turned;
+use crate::rig::part::Part;
+
+/// The part at the end of a program.
+#[derive(Clone, Debug, Serialize)]
+pub struct PartSummary {
+    /// Shoulders are found within so many mm; diameters on a cylinder are exact.
+    pub grid_mm: f64,
+    /// The cylinders that it has, from the face on.
+    pub cylinders: Vec<Measure>,
+    /// The cylinders that the program asked for.
+    pub asked: Vec<Measure>,
+    /// Where it is furthest from what was asked.
+    pub worst: Worst,
+    /// What should not have happened.
+    pub events: Vec<EventSummary>,
+}
+
+/// A cylinder.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Measure {
+    /// Its diameter, in mm.
+    pub diameter_mm: f64,
+    /// Where it begins, in mm from the face, which is 0.
+    pub from_mm: f64,
+    /// Where it ends, towards the chuck, which is below 0.
+    pub to_mm: f64,
+    /// Its length, in mm.
+    pub length_mm: f64,
+    /// It is the bar, uncut.
+    pub stock: bool,
+}
+
+/// The worst deviation.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Worst {
+    /// How much thicker than asked, in mm of diameter.
+    pub diameter_mm: f64,
+    /// Where.
+    pub z_mm: f64,
+}
+
+/// Something that should not have happened.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct EventSummary {
+    /// Its name: `stopped`, `rapid`, `chuck`, `deep`.
+    pub event: &'static str,
+    /// When it began, in virtual seconds.
+    pub from_s: f64,
+    /// When it was last seen.
+    pub until_s: f64,
+    /// Where the tool was.
+    pub z_mm: f64,
+    /// The same, from the middle of the bar.
+    pub x_mm: f64,
+    /// The most of it: off the radius, feed, beyond the jaws, depth of the cut.
+    pub worst: f64,
+    /// What it is, for people.
+    #[serde(skip)]
+    pub text: &'static str,
+    /// What `worst` is counted in.
+    pub unit: &'static str,
+}
+
+/// To a tenth of a micrometre: what lies below is noise of floating point.
+fn mm(value: f64) -> f64 {
+    let rounded = (value * 1e4).round() / 1e4;
+    if rounded == 0.0 { 0.0 } else { rounded }
+}
+
+impl From<Cylinder> for Measure {
+    fn from(cylinder: Cylinder) -> Self {
+        Self {
+            diameter_mm: mm(cylinder.diameter),
+            from_mm: mm(cylinder.from),
+            to_mm: mm(cylinder.to),
+            length_mm: mm(cylinder.length()),
+            stock: cylinder.stock,
+        }
+    }
+}
+
+impl From<&Happening> for EventSummary {
+    fn from(happening: &Happening) -> Self {
+        let Happening { event, at, place, worst } = happening;
+        Self {
+            event: event.name(),
+            from_s: at.0,
+            until_s: at.1,
+            z_mm: mm(place.z),
+            x_mm: mm(place.x),
+            worst: mm(*worst),
+            text: event.text(),
+            unit: event.unit(),
+        }
+    }
+}
+
+impl PartSummary {
+    /// What is told of a part, beside what was asked for.
+    pub fn new(part: &Part, turned: &Turned, asked: &Profile) -> Self {
+        // A fillet and what the edge leaves of it.
+        let between = 2.0 * part.nose.radius_mm() + 2.0 * GRID;
+        let measures = |profile| cylinders(profile, between).into_iter().map(Measure::from).collect();
+        let worst = deviation(&turned.profile, asked);
+        Self {
+            grid_mm: GRID,
+            cylinders: measures(&turned.profile),
+            asked: measures(asked),
+            worst: Worst { diameter_mm: mm(worst.diameter), z_mm: mm(worst.z) },
+            events: turned.happenings.iter().map(EventSummary::from).collect(),
+        }
+    }
+
+    pub(super) fn write(&self, text: &mut String, problem: Style) -> fmt::Result {
+        let list = |measures: &[Measure]| {
+            let turned = measures.iter().filter(|measure| !measure.stock);
+            let sizes: Vec<String> =
+                turned.map(|measure| format!("{:.2} x {:.2}", measure.diameter_mm, measure.length_mm)).collect();
+            if sizes.is_empty() { "nothing".to_owned() } else { format!("{} mm", sizes.join(", ")) }
+        };
+        writeln!(text, "{:<9}turned {} (diameter x length, from the face)", "part", list(&self.cylinders))?;
+        writeln!(text, "{:<9}asked  {}", "", list(&self.asked))?;
+        writeln!(text, "{:<9}{}", "", self.worst)?;
+        for event in &self.events {
+            let EventSummary { from_s, z_mm, worst, text: what, unit, .. } = event;
+            writeln!(
+                text,
+                "{:<9}{problem}{what}{problem:#} at {from_s:.3} s, z = {z_mm:.2} mm: {worst:.2} {unit}",
+                ""
+            )?;
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Display for Worst {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { diameter_mm, z_mm } = self;
+        match diameter_mm.partial_cmp(&0.0) {
+            Some(std::cmp::Ordering::Greater) => {
+                write!(f, "worst  {diameter_mm:.2} mm of diameter too thick, at z = {z_mm:.2} mm")
+            }
+            Some(std::cmp::Ordering::Less) => {
+                write!(f, "worst  {:.2} mm of diameter too thin, at z = {z_mm:.2} mm", -diameter_mm)
+            }
+            _ => f.write_str("worst  none: it is as asked"),
+        }
+    }
+}

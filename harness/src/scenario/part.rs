@@ -1,0 +1,105 @@
+//! What a scenario expects of the part that is turned in it. The part is cut when all is done, and only if something is
+//! expected of it.
+
+use std::fmt;
+
+use serde::Deserialize;
+use toml::Spanned;
+use torno_part::Event;
+
+use crate::fault::parse_length;
+use crate::observe::Turned;
+use crate::rig::file::RigFile;
+use crate::rig::part::Part;
+use crate::text::{Complaint, nearest};
+
+/// What is expected of a part.
+#[derive(Clone, Debug)]
+pub struct PartExpected {
+    /// What the rig turns.
+    pub part: Part,
+    /// Diameters that it must have at the end.
+    pub diameters: Vec<Diameter>,
+    /// What must not happen on the way.
+    pub never: Vec<Event>,
+}
+
+/// A diameter of a part at a place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Diameter {
+    /// Where: in mm from the face, which is 0; below 0 towards the chuck.
+    pub z: f64,
+    /// The diameter, in mm.
+    pub diameter: f64,
+    /// How far from that it may be, in mm.
+    pub within: f64,
+}
+
+/// A diameter as a file says it.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawDiameter {
+    z: Spanned<String>,
+    diameter: Spanned<String>,
+    within: Spanned<String>,
+}
+
+/// What is expected of the part, if something is.
+pub(super) fn check(
+    file: &RigFile,
+    diameters: &[RawDiameter],
+    never: &[&Spanned<String>],
+) -> Result<Option<PartExpected>, Complaint> {
+    let place = diameters.iter().map(|diameter| diameter.z.span()).chain(never.iter().map(|event| event.span())).next();
+    let Some(place) = place else { return Ok(None) };
+    let part = file
+        .part
+        .clone()
+        .ok_or_else(|| (place, format!("the rig '{}' turns no part: expected a [part] in its file", file.name)))?;
+    let diameters = diameters.iter().map(|diameter| diameter.check(&part)).collect::<Result<_, _>>()?;
+    let never = never.iter().map(|name| event(name, &part)).collect::<Result<_, _>>()?;
+    Ok(Some(PartExpected { part, diameters, never }))
+}
+
+fn event(name: &Spanned<String>, part: &Part) -> Result<Event, Complaint> {
+    let known = Event::ALL.map(Event::name);
+    let event = Event::ALL.into_iter().find(|event| event.name() == name.get_ref()).ok_or_else(|| {
+        let message = format!("there is no event '{}' of a part{}", name.get_ref(), nearest(name.get_ref(), &known));
+        (name.span(), message)
+    })?;
+    if event == Event::Deep && part.limits.depth.is_none() {
+        return Err((name.span(), "on this rig no cut is too deep: expected deepest_mm in its [part]".to_owned()));
+    }
+    Ok(event)
+}
+
+impl RawDiameter {
+    fn check(&self, part: &Part) -> Result<Diameter, Complaint> {
+        let length = |text: &Spanned<String>, least: f64, most: f64| {
+            let found = parse_length(text.get_ref()).map_err(|message| (text.span(), message))?;
+            let message = || format!("'{}': expected {least} mm to {most} mm", text.get_ref());
+            if (least..=most).contains(&found) { Ok(found) } else { Err((text.span(), message())) }
+        };
+        Ok(Diameter {
+            z: length(&self.z, -part.out, 0.0)?,
+            diameter: length(&self.diameter, 0.0, part.diameter)?,
+            within: length(&self.within, 0.0, part.diameter)?,
+        })
+    }
+}
+
+impl Diameter {
+    /// What contradicts it.
+    pub fn contradicted(&self, turned: &Turned) -> Option<String> {
+        let found = turned.profile.diameter(self.z).unwrap_or_default();
+        // A diameter that lies on the bound, as written, is within it.
+        let holds = (found - self.diameter).abs() <= self.within + 1e-9;
+        (!holds).then(|| format!("{found:.3} mm"))
+    }
+}
+
+impl fmt::Display for Diameter {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "diameter at z = {} mm is {} mm within {} mm", self.z, self.diameter, self.within)
+    }
+}

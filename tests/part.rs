@@ -1,0 +1,257 @@
+//! The part that is turned: what `torno run` tells and draws of it, and what scenarios expect of it.
+
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
+
+mod common;
+
+use std::fs;
+use std::path::Path;
+
+use common::{folder, json, output};
+use serde_json::Value;
+use torno::rig::file::RigFile;
+use torno::rig::part::Part;
+use torno::scenario::prose::{Prose, part, reply, scenario};
+use torno_protocol::lathe::Program;
+
+/// A slot of the depth axis, in mm of diameter: within one it is in position.
+const SLOT: f64 = 2.0 * 160.0 / 900.0;
+
+/// What `torno run` tells of the part, with these arguments.
+fn run(arguments: &[&str]) -> Value {
+    let output = output(&[&["run", "--in-process", "--json"], arguments].concat());
+    assert_eq!(String::from_utf8_lossy(&output.stderr), "");
+    json(&output)["part"].clone()
+}
+
+fn number(value: &Value, name: &str) -> f64 {
+    value[name].as_f64().unwrap_or_else(|| panic!("{name} in {value}"))
+}
+
+fn events(part: &Value) -> Vec<&str> {
+    part["events"].as_array().unwrap().iter().map(|event| event["event"].as_str().unwrap()).collect()
+}
+
+/// Writes a file of the folder; its path.
+fn write(folder: &Path, name: &str, text: &str) -> String {
+    let path = folder.join(name);
+    fs::write(&path, text).unwrap();
+    path.to_str().unwrap().to_owned()
+}
+
+fn lathe() -> Part {
+    RigFile::load("lathe").unwrap().part.unwrap()
+}
+
+#[test]
+fn the_demonstration_turns_the_shaft_that_its_comments_promise() {
+    let part = run(&[]);
+    assert_eq!(events(&part), [""; 0]);
+    // 16, 10 and 3 slots deep, ending 12, 26 and 40 mm from the face; the rest of the bar is as it was.
+    let promised = [(16.0, 0.0, 12.0), (10.0, 12.0, 26.0), (3.0, 26.0, 40.0), (0.0, 40.0, 60.0)];
+    for (list, off) in [("asked", 1e-3), ("cylinders", SLOT + 1e-3)] {
+        let cylinders = part[list].as_array().unwrap();
+        assert_eq!(cylinders.len(), 4, "{part}");
+        for (cylinder, (slots, from, to)) in cylinders.iter().zip(promised) {
+            assert!((number(cylinder, "diameter_mm") - (28.0 - SLOT * slots)).abs() <= off, "{list} {cylinder}");
+            assert!((number(cylinder, "from_mm") + from).abs() <= 0.02, "{list} {cylinder}");
+            assert!((number(cylinder, "length_mm") - (to - from)).abs() <= 0.02, "{list} {cylinder}");
+            assert_eq!(cylinder["stock"], slots == 0.0, "{list} {cylinder}");
+        }
+    }
+    assert!(number(&part["worst"], "diameter_mm").abs() <= SLOT, "{part}");
+}
+
+#[test]
+fn processes_make_the_same_part() {
+    assert_eq!(json(&output(&["run", "--json"]))["part"], run(&[]));
+}
+
+#[test]
+fn what_a_program_does_wrong_is_told() {
+    let folder = folder();
+    let tell = |frames: &str| run(&[&write(folder.path(), "a.frames", frames)]);
+    let spindle = "4B 00 00 00 00 00 00 00\n";
+    let into = "4B 00 00 00 00 00 05 01\n";
+    let cut = |speed: &str| format!("4B {speed} 23 28 01 00 00 00\n");
+    assert_eq!(events(&tell(&[spindle, into, &cut("46")].concat())), [""; 0]);
+    assert_eq!(events(&tell(&[spindle, into, &cut("E1")].concat())), ["rapid"]);
+    let stopped = [spindle, into, &cut("46")].concat().replace("4B ", "00 ");
+    assert_eq!(events(&tell(&stopped)), ["stopped"]);
+    assert_eq!(events(&tell(&[spindle, &into.replace("05", "0A"), &cut("46")].concat())), ["deep"]);
+    // 62 mm towards the chuck, clear of the bar.
+    let past = tell("4B 00 00 00 00 00 00 00\n4B E1 6C FC 01 00 00 00\n");
+    assert_eq!(events(&past), ["chuck"]);
+    assert!((number(&past["events"][0], "worst") - 2.0).abs() < 0.05, "{past}");
+    assert!((number(&past["events"][0], "z_mm") + 60.0).abs() < 0.6, "{past}");
+}
+
+#[test]
+fn both_axes_at_once_make_another_part_than_a_straight_way_asks() {
+    let folder = folder();
+    let program = "4B 00 00 00 00 00 00 00\n4B 46 11 94 01 00 08 01\n";
+    let part = run(&[&write(folder.path(), "taper.frames", program)]);
+    let worst = &part["worst"];
+    // The feed arrives long before the depth axis does: what was to be a taper is left on.
+    assert!(number(worst, "diameter_mm") > 0.5, "{part}");
+    assert!((-10.0..0.0).contains(&number(worst, "z_mm")), "{part}");
+}
+
+#[test]
+fn what_is_asked_comes_of_the_frames_alone() {
+    let program = Program::parse("4B 46 23 28 01 00 05 01\n4B 46 23 28 02 00 05 01").unwrap();
+    let asked = lathe().asked(&program);
+    // Straight in over 20 mm to three slots below the surface; the second frame is refused.
+    assert_eq!(asked.diameter(-7.0), Some(28.0));
+    assert!((asked.diameter(-19.6).unwrap() - (28.0 - 3.0 * SLOT)).abs() < 0.03);
+    assert_eq!(asked.diameter(-20.01), Some(28.0));
+}
+
+#[test]
+fn people_are_told_in_words() {
+    let output = output(&["run", "--in-process"]);
+    let text = String::from_utf8(output.stdout).unwrap();
+    let expected =
+        "part     turned 22.31 x 12.00, 24.44 x 14.00, 26.93 x 14.00 mm (diameter x length, from the face)\n";
+    assert!(text.contains(expected), "{text}");
+    assert!(text.contains("\n         asked  22.31 x 12.00, 24.44 x 14.00, 26.93 x 14.00 mm\n"), "{text}");
+    assert!(text.contains("\n         worst  none: it is as asked\n"), "{text}");
+}
+
+#[test]
+fn a_rig_without_a_part_turns_none() {
+    let folder = folder();
+    let text = include_str!("../harness/builtin/lathe.toml");
+    let rig = write(folder.path(), "bare.toml", text.split("# What is turned.").next().unwrap());
+    let program = write(folder.path(), "a.frames", "4B 00 00 00 00 00 00 00\n");
+    assert_eq!(run(&[&rig, &program]), Value::Null);
+    let drawing = folder.path().join("part.svg");
+    let output = output(&["run", &rig, &program, "--part", drawing.to_str().unwrap()]);
+    assert_eq!(output.status.code(), Some(2));
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(said, "torno: --part: the rig 'lathe' turns no part: expected a [part] in its file\n");
+    assert!(!drawing.exists());
+}
+
+/// The drawing that `torno run` makes with these arguments.
+fn drawing(arguments: &[&str]) -> String {
+    let folder = folder();
+    let path = folder.path().join("part.svg");
+    let output = output(&[&["run", "--in-process", "--part", path.to_str().unwrap()], arguments].concat());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    fs::read_to_string(path).unwrap()
+}
+
+/// The corners of the lines of a class.
+fn corners(svg: &str, class: &str) -> Vec<Vec<(f64, f64)>> {
+    let begin = format!("<polyline class=\"{class}\" points=\"");
+    let point = |text: &str| {
+        let (x, y) = text.split_once(',').unwrap();
+        (x.parse().unwrap(), y.parse().unwrap())
+    };
+    let lines = svg.split(&begin).skip(1).map(|rest| rest.split('"').next().unwrap());
+    lines.map(|line| line.split(' ').map(point).collect()).collect()
+}
+
+#[test]
+fn the_drawing_is_to_scale_and_the_same_on_both_sides_of_the_axis() {
+    let svg = drawing(&[]);
+    for class in ["got", "asked", "stock"] {
+        let [above, below] = &corners(&svg, class)[..] else { panic!("{class}") };
+        let axis = above[0].1;
+        assert_eq!(above.len(), below.len());
+        for (a, b) in above.iter().zip(below) {
+            assert!(a.0 == b.0 && (a.1 - axis + (b.1 - axis)).abs() < 0.011, "{class}: {a:?} {b:?}");
+        }
+    }
+    // At 2:1: the face, a shoulder, the bar.
+    let got = &corners(&svg, "got")[0];
+    let (face, axis) = got[0];
+    let end = got.last().unwrap();
+    assert!((face - end.0 - 120.0).abs() < 0.02 && (axis - end.1 - 28.0).abs() < 0.02, "{end:?}");
+    assert!((axis - got[1].1 - (28.0 - 16.0 * SLOT)).abs() <= SLOT + 0.02, "{:?}", got[1]);
+    assert!(got.iter().any(|(x, _)| (face - x - 24.0).abs() < 0.05), "{got:?}");
+    for text in ["shaft.frames", "lathe", "2:1", "Ø22.31 (22.31)", "26.00 (26.00)", "as asked"] {
+        assert!(svg.contains(text), "{text}");
+    }
+}
+
+#[test]
+fn names_with_marks_in_them_do_not_break_the_drawing() {
+    let folder = folder();
+    let program = write(folder.path(), "a<b&\"c\".frames", "4B 00 00 00 00 00 00 00\n");
+    let svg = drawing(&[&program]);
+    assert!(svg.contains("a&lt;b&amp;&quot;c&quot;.frames</title>"), "{}", &svg[..300]);
+}
+
+/// The picture in the documentation is the one that the command beside it draws.
+#[test]
+fn the_documentation_shows_the_demonstration_as_it_is() {
+    let shown = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/part.svg")).unwrap();
+    assert!(shown == drawing(&[]), "repeat: torno run --part docs/part.svg");
+}
+
+// --- scenarios ------------------------------------------------------------------------------------------------------
+
+/// Turns 20 mm, three slots deep.
+fn turns() -> Prose {
+    scenario("a diameter")
+        .send("4B 00 00 00 00 00 00 00")
+        .wait(reply("XON"))
+        .send("4B 00 00 00 00 00 05 01")
+        .wait(reply("XON"))
+        .send("4B 46 23 28 01 00 00 00")
+        .wait(reply("XON"))
+}
+
+fn failures(scenario: &Prose) -> Vec<(String, String)> {
+    let failures = scenario.run().unwrap().failures;
+    failures.into_iter().map(|failure| (failure.expected, failure.came)).collect()
+}
+
+#[test]
+fn a_scenario_expects_diameters_and_forbids_events() {
+    let never =
+        |scenario: Prose| ["stopped", "rapid", "chuck", "deep"].into_iter().fold(scenario, |s, e| s.never(part(e)));
+    never(turns()).diameter("-10 mm", "26.9 mm", "0.4 mm").diameter("-21 mm", "28 mm", "0 mm").must_pass();
+    let wrong = turns().diameter("-10 mm", "24 mm", "0.4 mm").diameter("-10000 um", "26.9 mm", "0.4 mm");
+    let expected = "diameter at z = -10 mm is 24 mm within 0.4 mm";
+    assert_eq!(failures(&wrong), [(expected.to_owned(), "26.933 mm".to_owned())]);
+    let toml = turns().never(part("rapid")).toml().replace("4B 46", "4B E1");
+    let scenario = torno::scenario::Scenario::parse("a.toml", &toml, None).unwrap();
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let outcome = runtime.block_on(torno::scenario::run(&scenario, &torno::rig::Driver::InProcess)).unwrap();
+    let [failure] = &outcome.failures[..] else { panic!("{:?}", outcome.failures) };
+    assert_eq!(failure.expected, "never rapid into the stock");
+    assert!(failure.came.starts_with("at z = -") && failure.came.ends_with(" mm/s"), "{}", failure.came);
+    assert!(failure.at < outcome.end);
+}
+
+#[test]
+fn what_is_expected_of_the_part_changes_nothing_of_the_run() {
+    let digest = |scenario: &Prose| scenario.run().unwrap().digest;
+    assert_eq!(digest(&turns()), digest(&turns().diameter("-10 mm", "1 mm", "0.4 mm").never(part("chuck"))));
+}
+
+#[test]
+fn complaints_about_what_is_expected_say_where_and_what() {
+    let complaint = |scenario: Prose| scenario.scenario().unwrap_err().to_string();
+    for (scenario, expected) in [
+        (turns().never(part("rapit")), "there is no event 'rapit' of a part: did you mean 'rapid'?"),
+        (turns().diameter("-70 mm", "24 mm", "0.4 mm"), "'-70 mm': expected -60 mm to 0 mm"),
+        (turns().diameter("-7 mm", "29 mm", "0.4 mm"), "'29 mm': expected 0 mm to 28 mm"),
+        (turns().diameter("-7", "24 mm", "0.4 mm"), "'-7': expected a length, such as \"-20 mm\" or \"50 um\""),
+        (turns().wait(part("rapid")), "part: the part is cut when all is done: expected this alone, in expect.never"),
+    ] {
+        let said = complaint(scenario);
+        assert!(said.contains(expected) && said.starts_with("a diameter:"), "{said}");
+    }
+    let folder = folder();
+    let text = include_str!("../harness/builtin/lathe.toml");
+    let bare = write(folder.path(), "bare.toml", text.split("# What is turned.").next().unwrap());
+    let said = complaint(turns().on(&bare).never(part("rapid")));
+    assert!(said.contains("the rig 'lathe' turns no part: expected a [part] in its file"), "{said}");
+    let shallow = write(folder.path(), "shallow.toml", &text.replace("\ndeepest_mm = 1 ", "\n#"));
+    let said = complaint(turns().on(&shallow).never(part("deep")));
+    assert!(said.contains("on this rig no cut is too deep: expected deepest_mm in its [part]"), "{said}");
+}
