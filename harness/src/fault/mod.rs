@@ -9,7 +9,7 @@ mod file;
 mod quantity;
 
 pub use dice::Dice;
-pub use faults::{Faults, Planned, Trigger};
+pub use faults::{Faults, HealError, Planned, Trigger};
 pub use file::{BOARD_KINDS, FaultFileError, LINE_KINDS, RawFault, load};
 pub(crate) use file::{span, text_drawn};
 pub use quantity::{Range, Ratio, parse_length, parse_ratio, parse_span};
