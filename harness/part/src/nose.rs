@@ -1,5 +1,8 @@
 //! The nose of the tool: a circle between two straight edges.
 
+/// So near to it, in mm, a point is on the upright edge: the noise of floating point does not push it off.
+const NOISE: f64 = 5e-10;
+
 /// The cutting edge: an arc, and the two straight edges that touch it.
 ///
 /// What is programmed is the tool's theoretical tip: as near to the axis as the arc's lowest point, and as near to the
@@ -53,7 +56,7 @@ impl Nose {
 
     /// How far above the tip the edge is, so far along the axis from it; infinite where there is no tool.
     pub(crate) fn height(&self, along: f64) -> f64 {
-        if along < self.lead_from.0 {
+        if along < self.lead_from.0 - NOISE {
             self.lead.map_or(f64::INFINITY, |slope| self.lead_from.1 + (self.lead_from.0 - along) * slope)
         } else if along > self.trail_from.0 {
             self.trail_from.1 + (along - self.trail_from.0) * self.trail

@@ -6,6 +6,9 @@ use crate::Nose;
 /// error but that of floating point; where a shoulder stands is known within this.
 pub const GRID: f64 = 0.01;
 
+/// So many points share a bound.
+const BLOCK: usize = 32;
+
 /// Less than this is not cut, in mm: the noise of floating point.
 const NOTHING: f64 = 1e-9;
 
@@ -33,13 +36,16 @@ pub struct Profile {
     stock: f64,
     /// From the face on, a [`GRID`] apart.
     radii: Vec<f64>,
+    /// The greatest of each [`BLOCK`] of them: what was turned thinner before costs no time.
+    greatest: Vec<f64>,
 }
 
 impl Profile {
     /// A bar of a diameter that stands out of the chuck so far, in mm.
     pub fn bar(diameter: f64, out: f64) -> Self {
         let points = (out / GRID).round().max(0.0) as usize + 1;
-        Self { stock: diameter / 2.0, radii: vec![diameter / 2.0; points] }
+        let stock = diameter / 2.0;
+        Self { stock, radii: vec![stock; points], greatest: vec![stock; points.div_ceil(BLOCK)] }
     }
 
     /// The diameter of the bar, in mm.
@@ -86,18 +92,26 @@ impl Profile {
         // A way's end that lies on a point, as written, must not miss it for the noise of floating point.
         let last = ((furthest + 1e-6).floor() as usize).min(self.radii.len() - 1);
         let sweep = Sweep::new(nose, from, to);
-        for (point, radius) in self.radii.iter_mut().enumerate().take(last + 1).skip(first) {
-            // What was turned thinner before costs no time.
-            if *radius <= lowest {
+        let blocks = first / BLOCK..=last / BLOCK;
+        let starts = blocks.clone().map(|block| block * BLOCK);
+        let radii = self.radii[blocks.start() * BLOCK..].chunks_mut(BLOCK);
+        for ((radii, greatest), start) in radii.zip(&mut self.greatest[blocks]).zip(starts) {
+            if *greatest <= lowest {
                 continue;
             }
-            let left = sweep.height(Self::z(point)).max(0.0);
-            let off = *radius - left;
-            if off > NOTHING {
-                *radius = left;
-                shaving.area += off * GRID;
-                shaving.thickest = shaving.thickest.max(off);
+            for (point, radius) in (start..=last).zip(radii.iter_mut()).skip(first.saturating_sub(start)) {
+                if *radius <= lowest {
+                    continue;
+                }
+                let left = sweep.height(Self::z(point)).max(0.0);
+                let off = *radius - left;
+                if off > NOTHING {
+                    *radius = left;
+                    shaving.area += off * GRID;
+                    shaving.thickest = shaving.thickest.max(off);
+                }
             }
+            *greatest = radii.iter().copied().fold(0.0, f64::max);
         }
         shaving
     }
@@ -120,12 +134,15 @@ impl<'a> Sweep<'a> {
 
     fn height(&self, z: f64) -> f64 {
         let Place { z: dz, x: dx } = self.way;
+        let along = z - self.from.z;
         // How much of the way has been gone when it is lowest here.
-        let share = if dz == 0.0 { if dx < 0.0 { 1.0 } else { 0.0 } } else { (z - self.from.z - self.touch) / dz };
-        let share = share.clamp(0.0, 1.0);
-        // Rounded to a picometre: the upright edge at the end of a way stands on its point, not a hair beside it.
-        let along = ((z - self.from.z - share * dz) * 1e9).round() / 1e9;
-        self.from.x + share * dx + self.nose.height(along)
+        let share = match (along - self.touch) * dz {
+            _ if dz == 0.0 => f64::from(u8::from(dx < 0.0)),
+            far if far <= 0.0 => 0.0,
+            far if far >= dz * dz => 1.0,
+            far => far / (dz * dz),
+        };
+        self.from.x + share * dx + self.nose.height(along - share * dz)
     }
 }
 
