@@ -15,6 +15,7 @@ use torno::rig::file::DEFAULT;
 use torno::text::nearest;
 use torno_protocol::time::Instant;
 
+use super::trace::Shown;
 use super::{USAGE, colour, print};
 
 #[derive(Debug, clap::Args)]
@@ -66,17 +67,7 @@ enum Command {
         pace: String,
     },
     /// Prints what happens from now on, until it is ended
-    Watch {
-        /// Only this line, as 'pc_to_master'; may be repeated, and joined with --board
-        #[arg(long, value_name = "NAME")]
-        line: Vec<String>,
-        /// Only this board; may be repeated, and joined with --line
-        #[arg(long, value_name = "NAME")]
-        board: Vec<String>,
-        /// Only edges, characters, frames, telemetry, events or inputs; may be repeated [default: all but edges]
-        #[arg(long, value_name = "KIND")]
-        kind: Vec<String>,
-    },
+    Watch(Shown),
 }
 
 #[derive(Debug, clap::Args)]
@@ -162,7 +153,7 @@ impl Command {
             Self::Resume => Request::Resume,
             Self::Step { span } => Request::Step { span: span.clone() },
             Self::Pace { pace } => Request::Pace { pace: pace.clone() },
-            Self::Watch { line, board, kind } => {
+            Self::Watch(Shown { line, board, kind }) => {
                 let form = match () {
                     () if json => Form::Json,
                     () if colour() => Form::Colour,
@@ -184,7 +175,7 @@ impl Command {
             },
             _ => {
                 let Done { ns } = serde_json::from_value(answer)?;
-                let watching = if matches!(self, Self::Watch { .. }) { "watching from" } else { "at" };
+                let watching = if matches!(self, Self::Watch(_)) { "watching from" } else { "at" };
                 format!("{watching} {}\n", at(ns))
             }
         })
@@ -211,7 +202,7 @@ impl Arguments {
             eprintln!("torno: {error}");
             return Ok(ExitCode::from(USAGE));
         }
-        let watches = matches!(self.command, Command::Watch { .. });
+        let watches = matches!(self.command, Command::Watch(_));
         match answer.get_mut("ok").map(Value::take) {
             Some(ok) if self.json => print(&format!("{ok}\n"))?,
             Some(ok) => print(&self.command.text(ok)?)?,

@@ -28,15 +28,8 @@ pub(super) struct Arguments {
     /// Nothing after this, in virtual seconds
     #[arg(long, value_name = "S", value_parser = seconds)]
     to: Option<Instant>,
-    /// Only this line, as 'pc_to_master'; may be repeated, and joined with --board
-    #[arg(long, value_name = "NAME")]
-    line: Vec<String>,
-    /// Only this board; may be repeated, and joined with --line
-    #[arg(long, value_name = "NAME")]
-    board: Vec<String>,
-    /// Only edges, characters, frames, telemetry, events or inputs; may be repeated [default: all but edges]
-    #[arg(long, value_name = "KIND")]
-    kind: Vec<String>,
+    #[command(flatten)]
+    shown: Shown,
     /// Writes every line of the rig as a one-bit signal, in nanoseconds; prints nothing
     #[arg(long, value_name = "FILE", conflicts_with_all = ["csv", "json", "from", "to", "line", "board", "kind"])]
     vcd: Option<PathBuf>,
@@ -46,6 +39,20 @@ pub(super) struct Arguments {
     /// Prints one JSON object a line
     #[arg(long)]
     json: bool,
+}
+
+/// What is shown of what happened.
+#[derive(Debug, clap::Args)]
+pub(super) struct Shown {
+    /// Only this line, as 'pc_to_master'; may be repeated, and joined with --board
+    #[arg(long, value_name = "NAME")]
+    pub(super) line: Vec<String>,
+    /// Only this board; may be repeated, and joined with --line
+    #[arg(long, value_name = "NAME")]
+    pub(super) board: Vec<String>,
+    /// Only edges, characters, frames, telemetry, events or inputs; may be repeated [default: all but edges]
+    #[arg(long, value_name = "KIND")]
+    pub(super) kind: Vec<String>,
 }
 
 fn seconds(text: &str) -> Result<Instant, String> {
@@ -60,9 +67,9 @@ impl Arguments {
         if let Some(path) = &self.vcd {
             write_waveforms(&trace, path).with_context(|| format!("cannot write '{}'", path.display()))?;
         } else {
-            let (kinds, csv) = if self.csv { (vec!["telemetry".to_owned()], true) } else { (self.kind, false) };
+            let (kinds, csv) = if self.csv { (vec!["telemetry".to_owned()], true) } else { (self.shown.kind, false) };
             let from = self.from.unwrap_or(Instant::START);
-            let wanted = Wanted { from, to: self.to, lines: self.line, boards: self.board, kinds };
+            let wanted = Wanted { from, to: self.to, lines: self.shown.line, boards: self.shown.board, kinds };
             let rows = rows(&trace, &Filter::new(&trace.header, &wanted)?);
             let colour = colour();
             let show = |row: &Row| match () {
