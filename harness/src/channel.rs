@@ -1,6 +1,7 @@
 //! Records over a socket: the way between the harness and a board's process, for both ends.
 
 use std::io;
+use std::ops::{Add, Sub};
 use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
 use std::task::{Context, Poll, ready};
@@ -14,10 +15,34 @@ use tokio::io::unix::AsyncFd;
 use torno_protocol::record;
 
 use crate::readable::readable;
-use crate::rig::Bytes;
 
 /// How long the other end may leave the socket full.
 const FULL: Timespec = Timespec { tv_sec: 10, tv_nsec: 0 };
+
+/// Bytes over a socket.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Bytes {
+    /// To the other end.
+    pub to: u64,
+    /// From the other end.
+    pub from: u64,
+}
+
+impl Add for Bytes {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self { to: self.to + other.to, from: self.from + other.from }
+    }
+}
+
+impl Sub for Bytes {
+    type Output = Self;
+
+    fn sub(self, other: Self) -> Self {
+        Self { to: self.to - other.to, from: self.from - other.from }
+    }
+}
 
 /// One end of the way.
 #[derive(Debug)]

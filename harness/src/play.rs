@@ -10,7 +10,7 @@ use crate::pace::{Brake, Pace};
 use crate::pc::{PcEvent, PcProgram, PcUart};
 use crate::rig::file::RigFile;
 use crate::rig::{Cost, Driver, Incident, Rig, RigError};
-use crate::trace::{End, Recorder};
+use crate::trace::{End, Recorder, SessionError};
 
 /// The PC starts to send so long after the rig has started, or later where characters are long: a decoder wants to see
 /// an idle line first.
@@ -131,20 +131,20 @@ impl Play {
     /// Plays to the end: until the rig is quiet.
     ///
     /// # Errors
-    /// [`RigError`] if the rig itself breaks.
-    pub async fn run(self, progress: impl FnMut(Progress<'_>)) -> Result<Finale, RigError> {
+    /// [`SessionError`] if the rig itself breaks.
+    pub async fn run(self, progress: impl FnMut(Progress<'_>)) -> Result<Finale, SessionError> {
         self.record(None, progress).await
     }
 
     /// The same, and records it.
     ///
     /// # Errors
-    /// [`RigError`] if the rig itself breaks, or the recording cannot go on.
+    /// [`SessionError`] if the rig itself breaks, or the recording cannot go on.
     pub async fn record(
         self,
         recorder: Option<Recorder>,
         mut progress: impl FnMut(Progress<'_>),
-    ) -> Result<Finale, RigError> {
+    ) -> Result<Finale, SessionError> {
         let pc = &self.file.pc;
         let uart = PcUart::new(pc.baud, pc.tx_fifo, pc.clock).with_program(Careful::default());
         let mut rig = Rig::start(&self.file, &self.driver, uart).await?;
@@ -162,7 +162,7 @@ impl Play {
         rig.stimulate(pc, start, Stimulus::Write(self.program.bytes()));
         let path = self.file.part.as_ref().map(ToolPath::new);
         let mut stage = Stage::new(rig, self.waveforms, path, recorder);
-        let mut brake = Brake::new(self.pace)?;
+        let mut brake = Brake::new(self.pace).map_err(RigError::from)?;
         loop {
             let limit = if self.pace == Pace::Max { Limit::NONE } else { brake.limit() };
             let mut steps = 0;
@@ -183,7 +183,7 @@ impl Play {
             tokio::select! {
                 () = stage.rig.news() => {}
                 passed = brake.wait_past(next) => {
-                    passed?;
+                    passed.map_err(RigError::from)?;
                     if let Some(by) = brake.reached(next) {
                         log::behind(next, by);
                     }
@@ -227,7 +227,7 @@ impl Stage {
     }
 
     /// Makes of the facts what is to be made of them.
-    fn take_note(&mut self) -> Result<(), RigError> {
+    fn take_note(&mut self) -> Result<(), SessionError> {
         for incident in self.rig.take_incidents() {
             log::set_time(incident.at);
             tracing::warn!("{incident}");
@@ -277,7 +277,7 @@ impl Stage {
         Progress { now: self.now, conversation: &self.conversation }
     }
 
-    async fn finish(mut self, frames: usize) -> Result<Finale, RigError> {
+    async fn finish(mut self, frames: usize) -> Result<Finale, SessionError> {
         let end = self.rig.engine().quiet_since();
         self.rig.catch_up(end.next()).await?;
         self.take_note()?;

@@ -33,7 +33,7 @@ use torno::seat::SeatError;
 use torno::send::SendError;
 use torno::text::{self, TextError};
 use torno::trace::replay::ReplayError;
-use torno::trace::{Damage, Header, Recorder, RecordingError, Trace};
+use torno::trace::{Damage, Header, Recorder, RecordingError, SessionError, Trace};
 use torno_protocol::lathe::Program;
 
 /// A check failed: the program was not executed as it should have been.
@@ -119,6 +119,7 @@ fn complain(error: &anyhow::Error) -> ExitCode {
 
 fn exit_code(error: &anyhow::Error) -> u8 {
     let broken = error.downcast_ref::<RigError>().is_some()
+        || error.downcast_ref::<SessionError>().is_some()
         || error.downcast_ref::<LiveError>().is_some()
         || error.downcast_ref::<RecordingError>().is_some()
         || matches!(error.downcast_ref::<ReplayError>(), Some(ReplayError::Rig(_)));

@@ -9,9 +9,10 @@ use std::str::FromStr;
 use anyhow::Context;
 use torno::observe::log;
 use torno::report::{Bar, Tested};
-use torno::rig::{Driver, RigError};
+use torno::rig::Driver;
 use torno::scenario::{Scenario, run_all};
 use torno::sweep::{Run, Scene, Table, Variation, Verdict, cells, shrink};
+use torno::trace::SessionError;
 
 use super::{FAILED, print};
 
@@ -93,7 +94,7 @@ impl Arguments {
             self.jobs.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
         let tested = run_all(&named, &Driver::InProcess, threads, |done| bar.count(done));
         bar.clear();
-        let tested: Vec<Tested> = tested.into_iter().collect::<Result<_, RigError>>()?;
+        let tested: Vec<Tested> = tested.into_iter().collect::<Result<_, SessionError>>()?;
         let runs: Vec<Run> = jobs.iter().zip(&tested).map(|(job, tested)| record(job, tested)).collect();
         let failed = runs.iter().position(|run| run.verdict != Verdict::Passed);
         let why = failed.map(|first| why(&scene, &jobs[first], &tested[first])).transpose()?;

@@ -6,9 +6,8 @@ use std::process::ExitCode;
 use anyhow::Context;
 use torno::observe::log;
 use torno::report::{Bar, TestReport};
-use torno::rig::RigError;
 use torno::scenario::{Scenario, run_all, run_recorded};
-use torno::trace::{Header, Recorder};
+use torno::trace::{Header, Recorder, SessionError};
 
 use super::{FAILED, colour, driver, print, start_recording};
 
@@ -55,7 +54,7 @@ impl Arguments {
             _ => run_all(&scenarios, &driver, jobs, |done| bar.count(done)),
         };
         bar.clear();
-        let report = TestReport::new(tested.into_iter().collect::<Result<Vec<_>, RigError>>()?);
+        let report = TestReport::new(tested.into_iter().collect::<Result<Vec<_>, SessionError>>()?);
         if let Some(path) = &self.junit {
             std::fs::write(path, report.junit()?).with_context(|| format!("cannot write '{}'", path.display()))?;
         }

@@ -1,8 +1,8 @@
 //! What each node of a running rig costs: for those who want to know what limits it.
 
-use std::ops::{Add, Sub};
 use std::time::{Duration, Instant as WallInstant};
 
+use crate::channel::Bytes;
 use crate::engine::{NodeId, Statistics};
 
 /// What one node of a rig has cost.
@@ -17,31 +17,6 @@ pub struct Cost {
     /// The wall time for which it was waited for or, without a process of its own, ran. Zero if not
     /// [measured](super::Rig::measure).
     pub wall: Duration,
-}
-
-/// Bytes over a socket.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Bytes {
-    /// To the other end.
-    pub to: u64,
-    /// From the other end.
-    pub from: u64,
-}
-
-impl Add for Bytes {
-    type Output = Self;
-
-    fn add(self, other: Self) -> Self {
-        Self { to: self.to + other.to, from: self.from + other.from }
-    }
-}
-
-impl Sub for Bytes {
-    type Output = Self;
-
-    fn sub(self, other: Self) -> Self {
-        Self { to: self.to - other.to, from: self.from - other.from }
-    }
 }
 
 /// Measures which node wall time is spent on.

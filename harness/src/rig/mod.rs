@@ -25,11 +25,11 @@ use torno_protocol::record::{FromBoard, Setup, ToBoard, Turn, VERSION};
 use torno_protocol::stepping::{BrokenPromise, Stepper};
 use torno_protocol::time::Instant;
 
+pub use crate::channel::Bytes;
 use crate::engine::{Disturbance, End, Engine, Fact, FaultId, Hit, LateOutput, Limit, LineId, NodeId, Watch, WatchId};
 use crate::pc::{PcProgram, PcUart};
-use crate::trace::RecordingError;
+pub use cost::Cost;
 use cost::Stopwatch;
-pub use cost::{Bytes, Cost};
 use file::RigFile;
 pub use input::{Input, What};
 use kinds::Steps;
@@ -125,9 +125,6 @@ pub enum RigError {
         /// The name.
         name: String,
     },
-    /// The rig is fine, but what happens cannot be recorded.
-    #[error(transparent)]
-    Recording(#[from] RecordingError),
     /// The system refuses something.
     #[error("cannot watch the boards' processes")]
     System(#[from] io::Error),

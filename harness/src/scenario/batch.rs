@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use super::{Scenario, record};
 use crate::report::Tested;
 use crate::rig::{Driver, RigError};
-use crate::trace::Recorder;
+use crate::trace::{Recorder, SessionError};
 
 /// Runs all, `jobs` at once; `done` hears how many are. The results are in the order of the scenarios, which come with
 /// their files' names.
@@ -16,9 +16,9 @@ pub fn run_all(
     driver: &Driver,
     jobs: usize,
     done: impl Fn(usize) + Sync,
-) -> Vec<Result<Tested, RigError>> {
+) -> Vec<Result<Tested, SessionError>> {
     let next = AtomicUsize::new(0);
-    let results: Mutex<Vec<(usize, Result<Tested, RigError>)>> = Mutex::new(Vec::new());
+    let results: Mutex<Vec<(usize, Result<Tested, SessionError>)>> = Mutex::new(Vec::new());
     std::thread::scope(|scope| {
         for _ in 0..jobs.min(scenarios.len()) {
             scope.spawn(|| {
@@ -41,17 +41,27 @@ pub fn run_all(
 /// Runs one, and records it.
 ///
 /// # Errors
-/// [`RigError`] if the rig itself breaks, or the recording cannot go on.
-pub fn run_recorded(path: &str, scenario: &Scenario, driver: &Driver, recorder: Recorder) -> Result<Tested, RigError> {
+/// [`SessionError`] if the rig itself breaks, or the recording cannot go on.
+pub fn run_recorded(
+    path: &str,
+    scenario: &Scenario,
+    driver: &Driver,
+    recorder: Recorder,
+) -> Result<Tested, SessionError> {
     let run = || run_one(path, scenario, driver, Some(recorder));
     // In a thread of its own, as all: whoever asks may be in a runtime.
     std::thread::scope(|scope| scope.spawn(run).join()).unwrap_or_else(|panic| std::panic::resume_unwind(panic))
 }
 
 #[expect(clippy::disallowed_methods, reason = "how long a scenario takes is told beside its result")]
-fn run_one(path: &str, scenario: &Scenario, driver: &Driver, recorder: Option<Recorder>) -> Result<Tested, RigError> {
+fn run_one(
+    path: &str,
+    scenario: &Scenario,
+    driver: &Driver,
+    recorder: Option<Recorder>,
+) -> Result<Tested, SessionError> {
     let started = std::time::Instant::now();
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(RigError::from)?;
     let outcome = runtime.block_on(record(scenario, driver, recorder))?;
     let (path, name, seed, drawn) = (path.to_owned(), scenario.name.clone(), scenario.seed, scenario.drawn.clone());
     Ok(Tested { path, name, seed, drawn, outcome, wall: started.elapsed() })

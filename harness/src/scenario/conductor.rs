@@ -12,8 +12,8 @@ use crate::engine::{Fact, Limit, NodeId, REACTION, WatchId};
 use crate::fault::{Fault, Faults, Trigger};
 use crate::observe::{Digest, Sum, ToolPath};
 use crate::pc::{PcEvent, PcUart, Replies};
-use crate::rig::{Driver, Rig, RigError};
-use crate::trace::{self, Recorder};
+use crate::rig::{Driver, Rig};
+use crate::trace::{self, Recorder, SessionError};
 
 /// The first step takes place so long after the rig has started.
 const BEGIN: Span = Span::from_millis(10);
@@ -36,24 +36,24 @@ pub struct Outcome {
 /// Runs a scenario.
 ///
 /// # Errors
-/// [`RigError`] if the rig itself breaks.
-pub async fn run(scenario: &Scenario, driver: &Driver) -> Result<Outcome, RigError> {
+/// [`SessionError`] if the rig itself breaks.
+pub async fn run(scenario: &Scenario, driver: &Driver) -> Result<Outcome, SessionError> {
     record(scenario, driver, None).await
 }
 
 /// The same, and records it.
 ///
 /// # Errors
-/// [`RigError`] if the rig itself breaks, or the recording cannot go on.
-pub async fn record(scenario: &Scenario, driver: &Driver, recorder: Option<Recorder>) -> Result<Outcome, RigError> {
+/// [`SessionError`] if the rig itself breaks, or the recording cannot go on.
+pub async fn record(scenario: &Scenario, driver: &Driver, recorder: Option<Recorder>) -> Result<Outcome, SessionError> {
     conduct(scenario, driver, recorder, None).await
 }
 
 /// The same as [`run`], no further than `slice` at once. Nothing may depend on it: this is how that is proved.
 ///
 /// # Errors
-/// [`RigError`] if the rig itself breaks.
-pub async fn run_in_slices(scenario: &Scenario, driver: &Driver, slice: Span) -> Result<Outcome, RigError> {
+/// [`SessionError`] if the rig itself breaks.
+pub async fn run_in_slices(scenario: &Scenario, driver: &Driver, slice: Span) -> Result<Outcome, SessionError> {
     conduct(scenario, driver, None, Some(slice)).await
 }
 
@@ -62,7 +62,7 @@ async fn conduct(
     driver: &Driver,
     recorder: Option<Recorder>,
     slice: Option<Span>,
-) -> Result<Outcome, RigError> {
+) -> Result<Outcome, SessionError> {
     let pc = &scenario.file.pc;
     let uart = PcUart::new(pc.baud, pc.tx_fifo, pc.clock);
     let rig = Rig::start(&scenario.file, driver, uart).await?;
@@ -99,7 +99,7 @@ struct Conductor<'a> {
 }
 
 /// What a step came to.
-type Stepped = Result<Result<(), Box<Failure>>, RigError>;
+type Stepped = Result<Result<(), Box<Failure>>, SessionError>;
 
 impl<'a> Conductor<'a> {
     fn new(scenario: &'a Scenario, rig: Rig, recorder: Option<Recorder>) -> Self {
@@ -214,7 +214,7 @@ impl<'a> Conductor<'a> {
         &mut self,
         until: Instant,
         awaited: Option<(WatchId, &Condition)>,
-    ) -> Result<Option<Instant>, RigError> {
+    ) -> Result<Option<Instant>, SessionError> {
         let mut count = awaited.map_or(0, |(_, condition)| condition.occurrences());
         loop {
             let worse = self.faults.next().filter(|next| *next < until);
@@ -251,13 +251,13 @@ impl<'a> Conductor<'a> {
     }
 
     /// Brings every board's quantities up to `at`, mute or not.
-    async fn catch_up(&mut self, at: Instant) -> Result<(), RigError> {
+    async fn catch_up(&mut self, at: Instant) -> Result<(), SessionError> {
         self.advance(at, None).await?;
         self.rig.settle(at).await?;
         self.note_facts()
     }
 
-    fn note_facts(&mut self) -> Result<(), RigError> {
+    fn note_facts(&mut self) -> Result<(), SessionError> {
         let (inputs, facts) = (self.rig.take_inputs(), self.rig.take_facts());
         if let Some(recorder) = &mut self.recorder {
             recorder.note(&inputs, &facts, self.rig.engine().frontier())?;
@@ -378,7 +378,7 @@ impl<'a> Conductor<'a> {
         lines.into_iter().map(|(at, line)| format!("{at}  {line}"))
     }
 
-    async fn finish(mut self, passed: bool) -> Result<Outcome, RigError> {
+    async fn finish(mut self, passed: bool) -> Result<Outcome, SessionError> {
         let limit = Instant::START + self.scenario.end;
         let end = if passed { self.fall_quiet(limit).await? } else { self.now };
         self.catch_up(end).await?;
@@ -398,7 +398,7 @@ impl<'a> Conductor<'a> {
     }
 
     /// Lets everything happen until the rig is quiet, but nothing after `limit`. Says when that is.
-    async fn fall_quiet(&mut self, limit: Instant) -> Result<Instant, RigError> {
+    async fn fall_quiet(&mut self, limit: Instant) -> Result<Instant, SessionError> {
         let limit = limit.max(self.now);
         loop {
             self.advance(self.now, None).await?;

@@ -20,7 +20,8 @@ use toml::{Table, Value};
 
 use super::{Outcome, Scenario, ScenarioError, run_all};
 use crate::report::Tested;
-use crate::rig::{Driver, RigError};
+use crate::rig::Driver;
+use crate::trace::SessionError;
 
 /// A scenario that is being written.
 #[derive(Clone, Debug)]
@@ -42,7 +43,7 @@ pub enum ProseError {
     Scenario(#[from] ScenarioError),
     /// The rig broke.
     #[error(transparent)]
-    Rig(#[from] RigError),
+    Rig(#[from] SessionError),
 }
 
 /// Begins a scenario.

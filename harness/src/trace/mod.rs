@@ -47,10 +47,21 @@ pub use reader::{Damage, read};
 pub use recorder::{CreateError, Recorder, RecordingError};
 pub use writer::Writer;
 
+/// Why a session that may be recorded cannot go on. It is not the machine in the rig that broke.
+#[derive(Debug, thiserror::Error)]
+pub enum SessionError {
+    /// The rig itself broke.
+    #[error(transparent)]
+    Rig(#[from] RigError),
+    /// The rig is fine, but what happens cannot be recorded.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+}
+
 use torno_protocol::time::Instant;
 
 use crate::engine::Fact;
-use crate::rig::Input;
+use crate::rig::{Input, RigError};
 
 /// A trace, as far as it could be read.
 #[derive(Clone, Debug, PartialEq, Eq)]
