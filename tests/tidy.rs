@@ -92,6 +92,18 @@ fn no_line_and_no_file_is_too_long() {
 }
 
 #[test]
+fn links_lead_somewhere() {
+    let docs = files(&Path::new(ROOT).join("docs"), "md");
+    for path in docs.into_iter().chain([Path::new(ROOT).join("README.md")]) {
+        let text = fs::read_to_string(&path).unwrap();
+        for link in text.split("](").skip(1).map(|rest| rest.split([')', '#']).next().unwrap()) {
+            let there = path.parent().unwrap().join(link);
+            assert!(link.starts_with("http") || there.exists(), "{}: {link}", path.display());
+        }
+    }
+}
+
+#[test]
 fn every_test_of_the_whole_is_a_target() {
     let manifest = fs::read_to_string(Path::new(ROOT).join("harness/Cargo.toml")).unwrap();
     for path in fs::read_dir(Path::new(ROOT).join("tests")).unwrap().map(|entry| entry.unwrap().path()) {

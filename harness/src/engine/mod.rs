@@ -9,7 +9,8 @@
 //!   or the end of what it has told, or the first instant at which something unheard can matter to it, whichever is
 //!   least; but not before the end of the character that is on the line.
 //! - `EIT(b)`, the earliest instant at which something unheard can matter to board *b*: the least, over the lines that
-//!   end at it, of what its receiver makes of an edge at `E` ([`Ear::effect`](torno_protocol::uart::Ear::effect)): about 9.5 bit times later.
+//!   end at it, of what its receiver makes of an edge at `E`
+//!   ([`Ear::effect`](torno_protocol::uart::Ear::effect)): about 9.5 bit times later.
 //!
 //! The two are iterated from infinity; every line adds a lookahead above zero, so there is always progress. Bounds are
 //! exclusive.
