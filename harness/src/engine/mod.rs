@@ -311,6 +311,11 @@ impl Engine {
         self.note_change(node);
     }
 
+    /// Whether anybody watches.
+    pub fn is_watched(&self) -> bool {
+        !self.watches.is_empty()
+    }
+
     /// What watches have seen since the last call, in the order of its instants.
     pub fn take_hits(&mut self) -> Vec<Hit> {
         let mut hits = core::mem::take(&mut self.hits);
