@@ -14,7 +14,6 @@ use std::time::Duration;
 use common::{ACK, LONG, NAK, SHORT, Up, XOFF, XON, folder, json, kill, output, torno, wait_until};
 use serde_json::Value;
 use serialport::SerialPort;
-use torno::engine::Fact;
 use torno::pace::Pace;
 use torno::play::{Breakage, Play};
 use torno::rig::Driver;
@@ -320,15 +319,11 @@ fn an_analyser_shows_the_same_however_it_is_asked() {
     let filter = Filter::new(&trace.header, &Wanted { kinds, ..Wanted::default() }).unwrap();
     let mut analyser = Analyser::new(&trace.header, filter.clone());
     analyser.note(&trace.inputs, &[]);
-    let begins = |fact: &Fact| match fact {
-        Fact::Edges { edges, .. } => edges[0].at,
-        Fact::Telemetry { at, .. } | Fact::Event { at, .. } => *at,
-    };
     let (mut rows, mut until) = (Vec::new(), Instant::START);
     while until < trace.until() {
         let from = until;
         until += Span::from_micros(777_777);
-        let new = trace.facts.iter().filter(|fact| (from..until).contains(&begins(fact)));
+        let new = trace.facts.iter().filter(|fact| (from..until).contains(&fact.at()));
         analyser.note(&[], &new.cloned().collect::<Vec<_>>());
         rows.extend(analyser.take(until));
     }

@@ -157,6 +157,16 @@ pub enum Fact {
     },
 }
 
+impl Fact {
+    /// When it happened, or the first of its edges.
+    pub fn at(&self) -> Instant {
+        match self {
+            Self::Edges { edges, .. } => edges.first().map_or(Instant::START, |edge| edge.at),
+            Self::Telemetry { at, .. } | Self::Event { at, .. } => *at,
+        }
+    }
+}
+
 /// A board told something that it had promised not to do: a defect in the board.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("board number {node} told of something at {at}, but everything before {commit} had been settled")]
@@ -311,9 +321,9 @@ impl Engine {
         self.note_change(node);
     }
 
-    /// Whether anybody watches.
-    pub fn is_watched(&self) -> bool {
-        !self.watches.is_empty()
+    /// Whether nobody watches and no line is disturbed: then how far time goes at once is of no interest to anybody.
+    pub fn is_undisturbed(&self) -> bool {
+        self.watches.is_empty() && self.disturbed.iter().next().is_none()
     }
 
     /// What watches have seen since the last call, in the order of its instants.

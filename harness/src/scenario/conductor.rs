@@ -258,9 +258,14 @@ impl<'a> Conductor<'a> {
     }
 
     fn note_facts(&mut self) -> Result<(), SessionError> {
-        let (inputs, facts) = (self.rig.take_inputs(), self.rig.take_facts());
+        let facts = self.rig.take_facts();
+        self.take_note(facts, self.rig.engine().frontier())
+    }
+
+    fn take_note(&mut self, facts: Vec<Fact>, settled: Instant) -> Result<(), SessionError> {
+        let inputs = self.rig.take_inputs();
         if let Some(recorder) = &mut self.recorder {
-            recorder.note(&inputs, &facts, self.rig.engine().frontier())?;
+            recorder.note(&inputs, &facts, settled)?;
         }
         for fact in facts {
             self.digest.add(&fact);
@@ -400,13 +405,17 @@ impl<'a> Conductor<'a> {
     /// Lets everything happen until the rig is quiet, but nothing after `limit`. Says when that is.
     async fn fall_quiet(&mut self, limit: Instant) -> Result<Instant, SessionError> {
         let limit = limit.max(self.now);
-        if !self.rig.engine().is_watched() && self.faults.next().is_none() && self.slice.is_none() {
-            // Nobody waits for anything, so nobody has to be asked before it is over.
-            while !self.rig.engine().is_quiet() && self.rig.step(Limit::until(limit)).await? {
-                self.note_facts()?;
-            }
-            if self.rig.engine().is_quiet() {
-                return Ok(self.rig.engine().quiet_since().next().max(self.now));
+        if self.rig.engine().is_undisturbed() && self.faults.next().is_none() && self.slice.is_none() {
+            // Nobody has to be asked on the way whether it is over.
+            while !self.rig.engine().is_quiet() && self.rig.step(Limit::until(limit)).await? {}
+            let quiet = self.rig.engine().is_quiet();
+            let end = if quiet { self.rig.engine().quiet_since().next().max(self.now) } else { limit };
+            // Boards that are mute may have told more of themselves than the scenario lasts.
+            let mut facts = self.rig.take_facts();
+            facts.retain(|fact| fact.at() < end);
+            self.take_note(facts, end)?;
+            if quiet {
+                return Ok(end);
             }
         }
         loop {

@@ -59,10 +59,7 @@ impl Moment<'_> {
     fn at(&self) -> Instant {
         match self {
             Self::Edge { at, .. } => *at,
-            Self::Other(fact) => match fact {
-                Fact::Edges { edges, .. } => edges.first().map_or(Instant::START, |edge| edge.at),
-                Fact::Telemetry { at, .. } | Fact::Event { at, .. } => *at,
-            },
+            Self::Other(fact) => fact.at(),
         }
     }
 
