@@ -330,6 +330,7 @@ impl Board for Master {
             events: Reception::events().into_iter().chain(Event::TEXTS.map(str::to_owned)).collect(),
             waits: vec![Wait { signal: Reception::BUSY, ports: vec![1, 2, 3] }],
             heeds: vec![Heeds::Reset],
+            motors: Vec::new(),
         }
     }
 

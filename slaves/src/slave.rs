@@ -123,6 +123,7 @@ impl<M: Machine<N, S>, const N: usize, const S: usize> Board for Slave<M, N, S> 
             events: Event::texts(),
             waits: Vec::new(),
             heeds: [Heeds::Reset].into_iter().chain(self.task.heeds()).collect(),
+            motors: Vec::new(),
         }
     }
 

@@ -97,9 +97,9 @@ impl<M: Machine<N, S>, const N: usize, const S: usize> Run for Task<M, N, S> {
                 self.machine.disturb(now, stimulus);
                 self.sample_unless_at_rest(now);
             }
-            // The stepping loop sees to the first three; the others are for PCs.
+            // The stepping loop sees to the first three; the others are for PCs, and for boards of several motors.
             Stimulus::Hang(_) | Stimulus::Slow(_) | Stimulus::Stop(_) => {}
-            Stimulus::Write(_) | Stimulus::Discard | Stimulus::Configure { .. } => {}
+            Stimulus::Write(_) | Stimulus::Discard | Stimulus::Configure { .. } | Stimulus::Of(..) => {}
         }
     }
 
