@@ -1,11 +1,13 @@
 //! What a person, or a program, is told at the end of a run and on the way.
 
+mod comparison;
 pub mod plot;
 mod progress;
 mod stats;
 mod summary;
 mod tested;
 
+pub use comparison::{Comparison, Side};
 pub use progress::Bar;
 pub use stats::{BytesPerTurn, Shares, Stats};
 pub use summary::{BoardSummary, Frames, Summary, failures};
