@@ -133,7 +133,8 @@ fn rows(rigs: &[Side; 2]) -> Vec<Row> {
         Row::new("whole program", "s", 3, of(&|side| Some(side.virtual_s))),
         Row::new("the PC is held", "s", 3, seconds(|account| account.held)),
     ];
-    let spreads: [(&str, fn(&Account) -> Spread); 4] = [
+    type Of = fn(&Account) -> Spread;
+    let spreads: [(&str, Of); 4] = [
         ("last byte to ACK, not held", |account| account.answer),
         ("XON to ACK of the frame held", |account| account.held_answer),
         ("ACK to XON", |account| account.execution),
@@ -194,7 +195,7 @@ mod tests {
         let found = |row: Row| (row.difference, row.ratio);
         assert_eq!(found(row([Some(4.0), Some(1.0)])), (Some(-3.0), Some(0.25)));
         assert_eq!(found(row([Some(0.0), Some(1.0)])), (Some(1.0), None));
-        assert_eq!(found(row([Some(-2.0), Some(1.0)])), (Some(3.0), None), "a ratio of what? ");
+        assert_eq!(found(row([Some(-2.0), Some(1.0)])), (Some(3.0), None), "a ratio of what?");
         assert_eq!(found(row([Some(4.0), None])), (None, None));
     }
 }
