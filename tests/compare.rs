@@ -85,10 +85,10 @@ fn stations(rig: &str, program: &str) -> (Vec<[i64; 2]>, Vec<i64>) {
                     None => {}
                 }
             }
-            Fact::Event { node, event, value, .. } if node == pc => {
-                if PcEvent::from_numbers(event, value) == Some(PcEvent::Received(XON)) {
-                    stations.push(values);
-                }
+            Fact::Event { node, event, value, .. }
+                if node == pc && PcEvent::from_numbers(event, value) == Some(PcEvent::Received(XON)) =>
+            {
+                stations.push(values);
             }
             _ => {}
         }
