@@ -77,6 +77,8 @@ pub struct Progress<'a> {
     pub now: Instant,
     /// What has been said.
     pub conversation: &'a Conversation,
+    /// What has happened since the last time.
+    pub facts: &'a [Fact],
 }
 
 /// How a play ended.
@@ -122,6 +124,7 @@ struct Stage {
     recorder: Option<Recorder>,
     decoder: ReplyDecoder,
     conversation: Conversation,
+    facts: Vec<Fact>,
     bytes_sent: usize,
     now: Instant,
     incidents: Vec<Incident>,
@@ -190,7 +193,9 @@ impl Play {
                 }
             }
         }
-        stage.finish(self.program.frames.len()).await
+        let end = stage.settle().await?;
+        progress(stage.progress());
+        stage.finish(self.program.frames.len(), end)
     }
 }
 
@@ -220,6 +225,7 @@ impl Stage {
             rig,
             decoder: ReplyDecoder::default(),
             conversation: Conversation::default(),
+            facts: Vec::new(),
             bytes_sent: 0,
             now: Instant::START,
             incidents: Vec::new(),
@@ -237,23 +243,24 @@ impl Stage {
         if let Some(recorder) = &mut self.recorder {
             recorder.note(&inputs, &facts, self.rig.engine().frontier())?;
         }
-        for fact in facts {
-            log::log(&self.rig, &fact);
-            self.digest.add(&fact);
-            self.telemetry.add(&fact);
+        for fact in &facts {
+            log::log(&self.rig, fact);
+            self.digest.add(fact);
+            self.telemetry.add(fact);
             if let Some(waveforms) = &mut self.waveforms {
-                waveforms.add(&fact);
+                waveforms.add(fact);
             }
             if let Some(path) = &mut self.path {
-                path.add(&fact);
+                path.add(fact);
             }
             if let Fact::Event { node, at, event, value } = fact {
-                self.now = self.now.max(at);
-                if node == self.rig.pc() {
-                    self.listen(PcEvent::from_numbers(event, value));
+                self.now = self.now.max(*at);
+                if *node == self.rig.pc() {
+                    self.listen(PcEvent::from_numbers(*event, *value));
                 }
             }
         }
+        self.facts = facts;
         self.now = self.now.max(self.rig.engine().frontier());
         Ok(())
     }
@@ -274,13 +281,18 @@ impl Stage {
     }
 
     fn progress(&self) -> Progress<'_> {
-        Progress { now: self.now, conversation: &self.conversation }
+        Progress { now: self.now, conversation: &self.conversation, facts: &self.facts }
     }
 
-    async fn finish(mut self, frames: usize) -> Result<Finale, SessionError> {
+    /// Lets happen what is left once the rig is quiet. Gives the instant since which it is.
+    async fn settle(&mut self) -> Result<Instant, SessionError> {
         let end = self.rig.engine().quiet_since();
         self.rig.catch_up(end.next()).await?;
         self.take_note()?;
+        Ok(end)
+    }
+
+    fn finish(mut self, frames: usize, end: Instant) -> Result<Finale, SessionError> {
         let outcome = self.conversation.outcome(frames);
         let digest = self.digest.sum();
         if let Some(recorder) = &mut self.recorder {

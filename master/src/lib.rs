@@ -3,9 +3,14 @@
 //!
 //! Peña & Martínez (2009), §3, gives the task; the conversation that fulfils it is ours and is told in
 //! [`torno_protocol::lathe`].
+//!
+//! The [`Reception`] is the half of it that faces the PC. It does not know how frames are executed, so a board that
+//! drives the motors itself has the same.
 
 mod assembly;
 mod master;
+mod reception;
 mod supervision;
 
 pub use master::{Master, MasterSettings};
+pub use reception::{Beginning, Order, PC, Reception, START_UP, Slaves};

@@ -1,26 +1,21 @@
 //! The master board: the conversation with the PC on one side, with the slaves on the other.
-
-use std::collections::VecDeque;
+//!
+//! The slaves' ports follow that of the PC, in the order of [`Slave::ALL`].
 
 use serde::{Deserialize, Serialize};
-use torno_protocol::board::{Board, Deadline, Description, Heeds, Input, Output, Signal, Stimulus, Wait};
+use torno_protocol::board::{Board, Deadline, Description, Heeds, Input, Output, Stimulus, Wait};
 use torno_protocol::clock::Clock;
-use torno_protocol::lathe::{CHARACTER, ENQ, Fault, Frame, Party, RATE, Refusal, Reply, Slave, XOFF, XON};
+use torno_protocol::lathe::{CHARACTER, ENQ, Fault, Frame, RATE, Slave};
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::{Character, Receiver, TickTimer, Transmitter};
 
-use crate::assembly::{Assembly, Bytes};
+use crate::reception::{Beginning, Order, PC, Reception, START_UP, Slaves};
 use crate::supervision::{Due, Patience, Report, Supervision};
 
-/// The port to the PC; the slaves' ports follow, in the order of [`Slave::ALL`].
-const PC: u8 = 0;
 /// Silence between an enquiry and the next sub-frame on a link. An enquiry can cross the slave's `ACK`; after this
 /// silence it cannot be taken for the first byte of a sub-frame, and its answer has come: two characters after the
 /// slave's gap of three, behind the two that it crossed. (Ours.)
 const AFTER_ENQUIRY: Span = CHARACTER.times(7);
-/// The master is silent for so long after its start: longer than a character that the start has cut short, so that none
-/// spoils what it says first. (Ours.)
-const START_UP: Span = Span::from_millis(2);
 
 /// The master's settings in the rig file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -74,23 +69,17 @@ pub struct Master {
     clock: Clock,
     /// In which the software UARTs live.
     timer: TickTimer,
-    firmware: Firmware,
-    outputs: VecDeque<Output>,
-}
-
-/// Everything that a reset loses.
-#[derive(Clone, Debug)]
-struct Firmware {
-    beginning: Beginning,
-    assembly: Assembly,
-    pc: Transmitter,
-    links: [Link; 3],
-    distribution: Option<Distribution>,
-    /// A frame that has come while slaves are busy.
-    held: Option<Frame>,
+    reception: Reception,
+    links: Links,
     /// Failures that came before the frame's `ACK`.
     failures: Vec<(Slave, Fault)>,
-    distributed: i64,
+}
+
+/// The software UARTs, and what goes over them.
+#[derive(Clone, Debug)]
+struct Links {
+    links: [Link; 3],
+    distribution: Option<Distribution>,
 }
 
 /// One software UART and the slave at its other end.
@@ -102,17 +91,6 @@ struct Link {
     clear_at: Instant,
 }
 
-/// What the PC must be told of the master's start.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Beginning {
-    /// Its supply has come. For all that is known, so has everybody's: nobody waits for anything.
-    WithTheMachine,
-    /// It has started anew amid the machine's work. The PC is to be told then.
-    Alone(Instant),
-    /// No more: it has been told, or need not be.
-    Over,
-}
-
 /// A frame on its way to the slaves.
 #[derive(Clone, Copy, Debug)]
 enum Distribution {
@@ -122,278 +100,133 @@ enum Distribution {
     Sending,
 }
 
-/// The quantities in the telemetry.
-#[derive(Clone, Copy)]
-enum Quantity {
-    FramesDistributed,
-    FrameHeld,
-    SlavesBusy,
-}
-
-/// The events. Refusals and failures come after these, one each.
+/// The events of the links. They come after those of the reception.
 #[derive(Clone, Copy)]
 enum Event {
-    Distributed,
-    Held,
-    AllDone,
-    Reset,
-    PcFramingError,
-    PcOverrun,
-    SlaveLineError,
-    SlaveOutOfPlace,
-    SlaveBack,
-    SlaveLost,
-    SlaveStalled,
-    SlaveEndOfTravel,
-    SlaveGarbled,
-    SlaveRestarted,
+    LineError,
+    OutOfPlace,
+    Back,
 }
 
 impl Event {
-    const TEXTS: [&str; 14] = [
-        "frame {} distributed",
-        "frame held: slaves are busy",
-        "all slaves done",
-        "reset",
-        "framing error on the line from the PC",
-        "overrun on the line from the PC",
-        "line error from slave '{c}'",
-        "a byte from slave '{c}' makes no sense",
-        "slave '{c}' answers again",
-        "slave '{c}' does not answer",
-        "slave '{c}' reports: stalled",
-        "slave '{c}' reports: end of travel",
-        "slave '{c}' reports: sub-frame garbled",
-        "slave '{c}' reports: restarted",
-    ];
+    const TEXTS: [&str; 3] =
+        ["line error from slave '{c}'", "a byte from slave '{c}' makes no sense", "slave '{c}' answers again"];
 }
 
 impl Master {
     /// A master as at power-on.
     pub fn new(settings: &MasterSettings, clock: Clock) -> Self {
         let timer = TickTimer::new(RATE, clock);
-        let firmware = Firmware::new(Instant::START, true, clock, &timer, settings.patience(clock));
-        Self { settings: settings.clone(), clock, timer, firmware, outputs: VecDeque::new() }
+        let links = Links::new(&timer, settings.patience(clock), Instant::START + clock.span(START_UP));
+        let reception = Reception::new(clock, Beginning::WithTheMachine);
+        Self { settings: settings.clone(), clock, timer, reception, links, failures: Vec::new() }
     }
 
     /// The firmware starts anew: because its supply has come, or for another reason.
     fn restart(&mut self, now: Instant, power_on: bool) {
-        let patience = self.settings.patience(self.clock);
-        self.firmware = Firmware::new(now, power_on, self.clock, &self.timer, patience);
-        self.outputs.extend((PC..=3).map(|port| Output::Cut { port }));
-        self.event(Event::Reset, 0);
-        for quantity in [Quantity::FramesDistributed, Quantity::FrameHeld, Quantity::SlavesBusy] {
-            self.telemetry(quantity, 0);
-        }
+        let ready = now + self.clock.span(START_UP);
+        self.links = Links::new(&self.timer, self.settings.patience(self.clock), ready);
+        self.failures.clear();
+        (PC..=3).for_each(|port| self.reception.put(Output::Cut { port }));
+        let beginning = if power_on { Beginning::WithTheMachine } else { Beginning::Alone(ready) };
+        self.reception.restart(self.clock, beginning);
     }
 
     fn retune(&mut self, now: Instant, clock: Clock) {
         self.clock = clock;
         self.timer.retune(now, clock);
-        self.firmware.retune(clock, &self.timer, self.settings.patience(clock));
+        self.reception.retune(clock);
+        self.links.retune(&self.timer, self.settings.patience(clock));
     }
 
-    fn event(&mut self, event: Event, value: i64) {
-        self.outputs.push_back(Output::Event { event: event as u8, value });
-    }
-
-    fn telemetry(&mut self, quantity: Quantity, value: i64) {
-        self.outputs.push_back(Output::Telemetry { signal: quantity as u8, value });
-    }
-
-    fn reply(&mut self, reply: Reply) {
-        reply.emit().into_iter().for_each(|byte| self.firmware.pc.push(byte));
-    }
-
-    fn refuse(&mut self, refusal: Refusal) {
-        let place = Refusal::ALL.iter().position(|other| *other == refusal).unwrap_or_default();
-        let event = (Event::TEXTS.len() + place) as u8;
-        self.outputs.push_back(Output::Event { event, value: 0 });
-        self.reply(Reply::Nak(refusal));
+    fn event(&mut self, event: Event, slave: Slave) {
+        let value = i64::from(slave.letter());
+        self.reception.put(Output::Event { event: Reception::EVENTS + event as u8, value });
     }
 
     fn hear_pc(&mut self, now: Instant, character: Character) {
-        if character.framing_error {
-            self.event(Event::PcFramingError, i64::from(character.byte));
-        }
-        if character.overrun {
-            self.event(Event::PcOverrun, i64::from(character.byte));
-        }
-        match self.firmware.assembly.character(now, character) {
-            Some(Ok(bytes)) => self.receive(now, bytes),
-            Some(Err(refusal)) => self.refuse(refusal),
+        match self.reception.hear(now, character, &self.links) {
+            Some(Order::Start(frame)) => self.distribute(now, frame),
+            Some(Order::Enquire(slave)) => self.links.enquire(now, slave),
             None => {}
         }
     }
 
-    /// The paper's rule: if a process is running in any stage, the sending is delayed until all have finished, and the
-    /// PC is informed (§3).
-    fn receive(&mut self, now: Instant, bytes: Bytes) {
-        match Frame::parse(bytes) {
-            Err(refusal) => self.refuse(refusal),
-            Ok(_) if self.firmware.held.is_some() => self.refuse(Refusal::Overrun),
-            Ok(frame) if self.firmware.is_busy() => {
-                self.firmware.held = Some(frame);
-                self.event(Event::Held, 0);
-                self.telemetry(Quantity::FrameHeld, 1);
-                self.firmware.assembly.hold(true);
-                self.reply(Reply::Xoff);
-            }
-            Ok(frame) => match self.firmware.lost_slave_for(&frame) {
-                Some(slave) => {
-                    self.refuse(Refusal::Faulted);
-                    // If it answers this, the next frame is executed.
-                    self.firmware.enquire(now, slave);
-                }
-                None => self.distribute(now, frame),
-            },
-        }
-    }
-
-    /// Tells the PC that the master has started anew amid the machine's work. What was held is lost, and whether the PC
-    /// is held is not known: it is taken to be, so that its silence counts from the `XON`.
-    fn confess(&mut self, now: Instant) {
-        self.reply(Reply::Can(Party::Master, Fault::Restarted));
-        self.firmware.assembly.hold(true);
-        self.firmware.assembly.stop(now);
-        self.give_up(now);
-    }
-
     fn distribute(&mut self, now: Instant, frame: Frame) {
-        let clear = self.firmware.links.iter().map(|link| link.clear_at).max().unwrap_or(now);
-        if clear > now {
-            self.firmware.distribution = Some(Distribution::Waiting { frame, until: clear });
-            return;
+        if self.links.distribute(now, frame) {
+            self.reception.report_busy(&self.links);
         }
-        self.firmware.send(now, &frame);
-        self.report_busy();
     }
 
     /// Every slave has its part.
     fn distributed(&mut self, now: Instant) {
-        self.firmware.distribution = None;
-        self.firmware.distributed += 1;
-        let frames = self.firmware.distributed;
-        self.event(Event::Distributed, frames);
-        self.telemetry(Quantity::FramesDistributed, frames);
-        self.reply(Reply::Ack);
-        for (slave, fault) in core::mem::take(&mut self.firmware.failures) {
-            self.fail(now, slave, fault);
+        self.links.distribution = None;
+        self.reception.distributed();
+        for (slave, fault) in core::mem::take(&mut self.failures) {
+            self.reception.fail(now, slave, fault);
         }
         self.check_done(now);
     }
 
+    fn check_done(&mut self, now: Instant) {
+        if let Some(frame) = self.reception.check_done(&self.links) {
+            self.distribute(now, frame);
+        }
+    }
+
     fn hear_slave(&mut self, now: Instant, slave: Slave, character: Character) {
-        let letter = i64::from(slave.letter());
-        let supervision = &mut self.firmware.links[slave as usize].supervision;
+        let supervision = &mut self.links.links[slave as usize].supervision;
         let Some(byte) = character.ok() else {
             supervision.spoilt();
-            self.event(Event::SlaveLineError, letter);
+            self.event(Event::LineError, slave);
             return;
         };
         let was_unknown = supervision.is_unknown();
         let report = supervision.byte(now, byte);
         let found_at_work = was_unknown && !supervision.is_unknown() && report != Report::Started;
         if found_at_work {
-            self.report_busy();
-            if self.firmware.beginning == Beginning::WithTheMachine {
-                self.confess(now);
-            }
+            self.reception.report_busy(&self.links);
+            self.reception.found_at_work(now);
         }
         match report {
             Report::Done | Report::Started => {
-                self.report_busy();
+                self.reception.report_busy(&self.links);
                 self.check_done(now);
             }
             Report::Failed(fault) => self.slave_failed(now, slave, fault),
             Report::Back => {
-                self.event(Event::SlaveBack, letter);
-                self.report_busy();
+                self.event(Event::Back, slave);
+                self.reception.report_busy(&self.links);
             }
-            Report::OutOfPlace => self.event(Event::SlaveOutOfPlace, letter),
+            Report::OutOfPlace => self.event(Event::OutOfPlace, slave),
             Report::Nothing => {}
         }
     }
 
     fn slave_failed(&mut self, now: Instant, slave: Slave, fault: Fault) {
-        self.report_busy();
-        if self.firmware.distribution.is_some() {
-            self.firmware.failures.push((slave, fault));
+        self.reception.report_busy(&self.links);
+        if self.links.distribution.is_some() {
+            self.failures.push((slave, fault));
             return;
         }
-        self.fail(now, slave, fault);
+        self.reception.fail(now, slave, fault);
         self.check_done(now);
     }
 
-    /// Tells the PC.
-    fn fail(&mut self, now: Instant, slave: Slave, fault: Fault) {
-        let event = match fault {
-            Fault::NoAnswer => Event::SlaveLost,
-            Fault::Stalled => Event::SlaveStalled,
-            Fault::EndOfTravel => Event::SlaveEndOfTravel,
-            Fault::Garbled => Event::SlaveGarbled,
-            Fault::Restarted => Event::SlaveRestarted,
-        };
-        self.event(event, i64::from(slave.letter()));
-        self.reply(Reply::Can(slave.into(), fault));
-        self.give_up(now);
-    }
-
-    /// What was held is not executed, and nothing more is accepted until the PC's line has been silent: with one frame
-    /// missing, the relative frames that follow would turn a different part.
-    fn give_up(&mut self, now: Instant) {
-        self.firmware.beginning = Beginning::Over;
-        if self.firmware.held.take().is_some() {
-            self.telemetry(Quantity::FrameHeld, 0);
-        }
-        self.firmware.assembly.abandon(now);
-    }
-
-    fn check_done(&mut self, now: Instant) {
-        if self.firmware.is_busy() {
-            return;
-        }
-        let beginning = core::mem::replace(&mut self.firmware.beginning, Beginning::Over);
-        if beginning == Beginning::WithTheMachine && self.firmware.held.is_none() {
-            return;
-        }
-        self.event(Event::AllDone, 0);
-        self.reply(Reply::Xon);
-        self.firmware.assembly.hold(false);
-        if let Some(frame) = self.firmware.held.take() {
-            self.telemetry(Quantity::FrameHeld, 0);
+    fn handle_deadlines(&mut self, now: Instant) {
+        if let Some(frame) = self.reception.handle_timeout(now, &self.links) {
             self.distribute(now, frame);
         }
-    }
-
-    fn report_busy(&mut self) {
-        let busy = |link: &Link| link.supervision.is_busy() && !link.supervision.is_unknown();
-        let mask = self.firmware.links.iter().rev().fold(0, |mask, link| mask << 1 | i64::from(busy(link)));
-        self.telemetry(Quantity::SlavesBusy, mask);
-    }
-
-    fn handle_deadlines(&mut self, now: Instant) {
-        if matches!(self.firmware.beginning, Beginning::Alone(at) if at <= now) {
-            self.confess(now);
-            self.check_done(now);
-        }
-        if self.firmware.assembly.poll_timeout().is_some_and(|at| at <= now)
-            && let Some(refusal) = self.firmware.assembly.handle_silence()
-        {
-            self.refuse(refusal);
-        }
-        match self.firmware.distribution {
+        match self.links.distribution {
             Some(Distribution::Waiting { frame, until }) if until <= now => self.distribute(now, frame),
-            Some(Distribution::Sending) if self.firmware.links.iter().all(|link| link.transmitter.is_idle(now)) => {
-                self.distributed(now);
-            }
+            Some(Distribution::Sending) if self.links.are_idle(now) => self.distributed(now),
             _ => {}
         }
         for slave in Slave::ALL {
-            let supervision = &mut self.firmware.links[slave as usize].supervision;
+            let supervision = &mut self.links.links[slave as usize].supervision;
             if supervision.poll_timeout().is_some_and(|at| at <= now) {
                 match supervision.handle_timeout(now) {
-                    Due::Enquiry => self.firmware.enquire(now, slave),
+                    Due::Enquiry => self.links.enquire(now, slave),
                     Due::Lost => self.slave_failed(now, slave, Fault::NoAnswer),
                     Due::Nothing => {}
                 }
@@ -403,64 +236,54 @@ impl Master {
 
     /// Loads whatever shift registers are free.
     fn load(&mut self, now: Instant) {
-        if let Some(loaded) = self.firmware.pc.load(now) {
-            match loaded.byte {
-                XOFF => self.firmware.assembly.stop(now),
-                XON => self.firmware.assembly.go_on(now),
-                _ => {}
-            }
-            self.outputs.push_back(Output::Character { port: PC, edges: loaded.edges, end: loaded.end });
-        }
-        for (port, link) in (PC + 1..).zip(&mut self.firmware.links) {
+        self.reception.load(now);
+        for (port, link) in (PC + 1..).zip(&mut self.links.links) {
             if let Some(loaded) = link.transmitter.load(now) {
-                self.outputs.push_back(Output::Character { port, edges: loaded.edges, end: loaded.end });
+                self.reception.put(Output::Character { port, edges: loaded.edges, end: loaded.end });
             }
         }
     }
 }
 
-impl Firmware {
-    fn new(now: Instant, power_on: bool, clock: Clock, timer: &TickTimer, patience: Patience) -> Self {
-        let ready = now + clock.span(START_UP);
-        let link = |n| Link {
-            transmitter: timer.transmitter(n),
-            supervision: Supervision::new(patience, ready),
-            clear_at: Instant::START,
-        };
-        Self {
-            beginning: if power_on { Beginning::WithTheMachine } else { Beginning::Alone(ready) },
-            assembly: Assembly::new(clock),
-            pc: Transmitter::hardware(RATE, clock),
-            links: [link(0), link(1), link(2)],
-            distribution: None,
-            held: None,
-            failures: Vec::new(),
-            distributed: 0,
-        }
+impl Slaves for Links {
+    fn are_busy(&self) -> bool {
+        self.distribution.is_some() || self.links.iter().any(|link| link.supervision.is_busy())
     }
 
-    fn retune(&mut self, clock: Clock, timer: &TickTimer, patience: Patience) {
-        self.assembly.retune(clock);
-        self.pc.retune(RATE, clock);
-        for (n, link) in (0..).zip(&mut self.links) {
-            link.transmitter.keep_pace_with(&timer.transmitter(n));
-            link.supervision.retune(patience);
-        }
+    fn busy(&self) -> [bool; 3] {
+        self.links.each_ref().map(|link| link.supervision.is_busy() && !link.supervision.is_unknown())
     }
 
-    fn is_busy(&self) -> bool {
-        let begins = matches!(self.beginning, Beginning::Alone(_));
-        begins || self.distribution.is_some() || self.links.iter().any(|link| link.supervision.is_busy())
-    }
-
-    /// A slave that does not answer and that the frame would move.
-    fn lost_slave_for(&self, frame: &Frame) -> Option<Slave> {
+    fn lost_for(&self, frame: &Frame) -> Option<Slave> {
         let needed = |slave| match slave {
             Slave::Spindle => frame.spindle.units() != 0,
             Slave::Transverse => frame.transverse.distance() != 0,
             Slave::Depth => frame.depth.distance() != 0,
         };
         Slave::ALL.into_iter().find(|slave| needed(*slave) && self.links[*slave as usize].supervision.is_lost())
+    }
+}
+
+impl Links {
+    /// Idle links to slaves that are asked from `ready` on.
+    fn new(timer: &TickTimer, patience: Patience, ready: Instant) -> Self {
+        let link = |n| Link {
+            transmitter: timer.transmitter(n),
+            supervision: Supervision::new(patience, ready),
+            clear_at: Instant::START,
+        };
+        Self { links: [link(0), link(1), link(2)], distribution: None }
+    }
+
+    fn retune(&mut self, timer: &TickTimer, patience: Patience) {
+        for (n, link) in (0..).zip(&mut self.links) {
+            link.transmitter.keep_pace_with(&timer.transmitter(n));
+            link.supervision.retune(patience);
+        }
+    }
+
+    fn are_idle(&self, now: Instant) -> bool {
+        self.links.iter().all(|link| link.transmitter.is_idle(now))
     }
 
     fn enquire(&mut self, now: Instant, slave: Slave) {
@@ -470,8 +293,13 @@ impl Firmware {
         link.clear_at = now + CHARACTER.times(2) + AFTER_ENQUIRY;
     }
 
-    /// Puts the three parts into the transmitters: all start on the same tick.
-    fn send(&mut self, now: Instant, frame: &Frame) {
+    /// Puts the three parts into the transmitters: all start on the same tick. Says whether it could do so already.
+    fn distribute(&mut self, now: Instant, frame: Frame) -> bool {
+        let clear = self.links.iter().map(|link| link.clear_at).max().unwrap_or(now);
+        if clear > now {
+            self.distribution = Some(Distribution::Waiting { frame, until: clear });
+            return false;
+        }
         let (spindle, transverse, depth) = (frame.spindle.emit(), frame.transverse.emit(), frame.depth.emit());
         let parts: [&[u8]; 3] = [&spindle, &transverse, &depth];
         for (link, part) in self.links.iter_mut().zip(parts) {
@@ -479,34 +307,30 @@ impl Firmware {
             link.supervision.start(now);
         }
         self.distribution = Some(Distribution::Sending);
+        true
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        let transmitters = self.links.iter().map(|link| &link.transmitter).chain([&self.pc]);
-        let loads = transmitters.filter_map(Transmitter::poll_timeout);
+        let loads = self.links.iter().filter_map(|link| link.transmitter.poll_timeout());
         let watches = self.links.iter().filter_map(|link| link.supervision.poll_timeout());
         let distribution = match self.distribution {
             None => None,
             Some(Distribution::Waiting { until, .. }) => Some(until),
             Some(Distribution::Sending) => self.links.iter().map(|link| link.transmitter.free_at()).max(),
         };
-        let beginning = match self.beginning {
-            Beginning::Alone(at) => Some(at),
-            Beginning::WithTheMachine | Beginning::Over => None,
-        };
-        loads.chain(watches).chain(distribution).chain(beginning).min()
+        loads.chain(watches).chain(distribution).min()
     }
 }
 
 impl Board for Master {
     fn description(&self) -> Description {
-        let refusals = Refusal::ALL.iter().map(|refusal| format!("frame refused: {refusal}"));
         Description {
             ports: ["pc", "spindle", "transverse", "depth"].map(str::to_owned).to_vec(),
-            signals: ["frames_distributed", "frame_held", "slaves_busy"].map(|name| Signal::new(name, 0)).to_vec(),
-            events: Event::TEXTS.map(str::to_owned).into_iter().chain(refusals).collect(),
-            waits: vec![Wait { signal: Quantity::SlavesBusy as u8, ports: vec![1, 2, 3] }],
+            signals: Reception::signals(),
+            events: Reception::events().into_iter().chain(Event::TEXTS.map(str::to_owned)).collect(),
+            waits: vec![Wait { signal: Reception::BUSY, ports: vec![1, 2, 3] }],
             heeds: vec![Heeds::Reset],
+            motors: Vec::new(),
         }
     }
 
@@ -537,16 +361,17 @@ impl Board for Master {
     }
 
     fn poll_output(&mut self) -> Option<Output> {
-        self.outputs.pop_front()
+        self.reception.poll_output()
     }
 
     fn poll_timeout(&self) -> Option<Deadline> {
-        let own = self.firmware.poll_timeout().map(|at| Deadline { at, why: "a transmitter or a slave's answer" });
+        let own = self.reception.poll_timeout().into_iter().chain(self.links.poll_timeout()).min();
+        let own = own.map(|at| Deadline { at, why: "a transmitter or a slave's answer" });
         let silence = self.silence().map(|at| Deadline { at, why: "silence on the PC's line" });
         own.into_iter().chain(silence).min_by_key(|deadline| deadline.at)
     }
 
     fn silence(&self) -> Option<Instant> {
-        self.firmware.assembly.poll_timeout()
+        self.reception.silence()
     }
 }

@@ -132,6 +132,60 @@ pub enum Stimulus {
     /// a reset end it. (Ours: the paper's motors were characterised on the bench, by hand.) Boards without a motor
     /// ignore it; one that drives in one sense only takes a negative one for none.
     Drive(i32),
+    /// Something happens to one of the board's several motors, the one at this place in [`Description::motors`]. Said
+    /// of no motor, it means nothing to such a board; other boards ignore this.
+    Of(u8, OfMotor),
+}
+
+/// What can happen to one of several motors: the stimuli of these names. (A type of its own, so that no record nests.)
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum OfMotor {
+    /// [`Stimulus::Stall`].
+    Stall(bool),
+    /// [`Stimulus::Counts`].
+    Counts(i32),
+    /// [`Stimulus::Load`].
+    Load(i32),
+    /// [`Stimulus::Supply`].
+    Supply(u16),
+    /// [`Stimulus::Backlash`].
+    Backlash(u16),
+    /// [`Stimulus::EndStop`].
+    EndStop(i32),
+    /// [`Stimulus::Drive`].
+    Drive(i32),
+}
+
+impl Stimulus {
+    /// The same for the motor at this place among a board's several; what is about no motor stays as it is.
+    #[must_use]
+    pub fn of(self, motor: u8) -> Self {
+        let what = match self {
+            Self::Stall(blocked) => OfMotor::Stall(blocked),
+            Self::Counts(counts) => OfMotor::Counts(counts),
+            Self::Load(load) => OfMotor::Load(load),
+            Self::Supply(supply) => OfMotor::Supply(supply),
+            Self::Backlash(counts) => OfMotor::Backlash(counts),
+            Self::EndStop(counts) => OfMotor::EndStop(counts),
+            Self::Drive(drive) => OfMotor::Drive(drive),
+            other => return other,
+        };
+        Self::Of(motor, what)
+    }
+}
+
+impl From<OfMotor> for Stimulus {
+    fn from(what: OfMotor) -> Self {
+        match what {
+            OfMotor::Stall(blocked) => Self::Stall(blocked),
+            OfMotor::Counts(counts) => Self::Counts(counts),
+            OfMotor::Load(load) => Self::Load(load),
+            OfMotor::Supply(supply) => Self::Supply(supply),
+            OfMotor::Backlash(counts) => Self::Backlash(counts),
+            OfMotor::EndStop(counts) => Self::EndStop(counts),
+            OfMotor::Drive(drive) => Self::Drive(drive),
+        }
+    }
 }
 
 /// What a board does.
@@ -188,6 +242,17 @@ pub struct Description {
     /// What tells which boards it waits for.
     pub waits: Vec<Wait>,
     /// What it heeds of the stimuli that mean nothing to some boards.
+    pub heeds: Vec<Heeds>,
+    /// Its motors, if it has several: each is told by [`Stimulus::Of`] what happens to it.
+    pub motors: Vec<Motor>,
+}
+
+/// One of several motors of a board.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Motor {
+    /// Its name.
+    pub name: String,
+    /// What it heeds.
     pub heeds: Vec<Heeds>,
 }
 

@@ -11,6 +11,7 @@ use crate::encoder::{Counter, Encoder};
 use crate::plant::PositionMotor;
 use crate::settings::DepthSettings;
 use crate::slave::{Machine, Progress, Slave};
+use crate::task::Task;
 
 /// In position for so many polls, the axis is done. (Ours.)
 const SETTLED_POLLS: u32 = 4;
@@ -22,8 +23,18 @@ const IN_POSITION: i64 = 1;
 /// It executes a sub-frame until the drive is off and the axis has been within one slot of its target for four polls.
 pub type Depth = Slave<DepthMachine, { DepthPart::LENGTH }, 4>;
 
+/// What the infeed axis's board does but for the link to its master.
+pub type DepthTask = Task<DepthMachine, { DepthPart::LENGTH }, 4>;
+
 impl Depth {
     /// The board as at power-on: the slide stands in mid-travel.
+    pub fn new(settings: &DepthSettings, clock: Clock) -> Self {
+        Self::with(DepthTask::new(settings, clock), clock)
+    }
+}
+
+impl DepthTask {
+    /// The same: the slide stands in mid-travel.
     pub fn new(settings: &DepthSettings, clock: Clock) -> Self {
         Self::with(DepthMachine::new(settings), settings.controller.poll_ms, clock)
     }

@@ -5,9 +5,11 @@
 //!
 //! A slave has two halves. The **machine** is a control law with an encoder and a plant: [`Spindle`] regulates the
 //! main motor's speed (§4, Eq. 1–7), [`Transverse`] the feed axis's position (§4, Eq. 8–15), [`Depth`] switches the
-//! infeed motor on and off (§4). The **link** is the same for all three: it puts sub-frames together and answers
-//! the master. A plant moves on only when something happens on its own board, in closed form over the time that has
-//! passed; so nobody can tell when somebody else looked.
+//! infeed motor on and off (§4); a [`Task`] samples it. The **link** is the same for all three: it puts sub-frames
+//! together and answers the master. A board that needs no link, because nobody sends it sub-frames, runs the tasks.
+//!
+//! A plant moves on only when something happens on its own board, in closed form over the time that has passed; so
+//! nobody can tell when somebody else looked.
 
 mod control;
 mod depth;
@@ -19,13 +21,16 @@ mod schedule;
 mod settings;
 mod slave;
 mod spindle;
+mod task;
 mod transverse;
 
-pub use depth::Depth;
+pub use depth::{Depth, DepthTask};
 pub use settings::{
     DepthController, DepthDrive, DepthEncoder, DepthPlant, DepthSettings, Eq12, LeadForm, PositionForm, PositionModel,
     SetPoint, SpindleController, SpindleDrive, SpindleEncoder, SpindlePlant, SpindleSettings, TransverseController,
     TransverseDrive, TransverseEncoder, TransversePlant, TransverseSettings,
 };
-pub use spindle::Spindle;
-pub use transverse::Transverse;
+pub use slave::Progress;
+pub use spindle::{Spindle, SpindleTask};
+pub use task::{Run, Task};
+pub use transverse::{Transverse, TransverseTask};

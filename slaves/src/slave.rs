@@ -1,19 +1,19 @@
-//! A slave board: a machine, the link to its master, and the timer that samples the one for the other.
+//! A slave board: a task, and the link to its master that tells it what to do.
 
 use core::fmt::Debug;
 
-use torno_protocol::board::{Board, Deadline, Description, Heeds, Input, Output, Signal, Stimulus};
+use torno_protocol::board::{Board, Deadline, Description, Heeds, Input, Output, Stimulus};
 use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{Fault, RATE, Refusal};
 use torno_protocol::time::Instant;
 use torno_protocol::uart::Receiver;
 
 use crate::link::{Event, Link};
-use crate::schedule::Schedule;
+use crate::task::{Run, Task};
 
 /// What one slave has and the others have not: its control law, its encoder and its plant.
 ///
-/// It gets sub-frames of `N` bytes and shows `S` quantities. It does nothing of itself: the board calls it.
+/// It gets sub-frames of `N` bytes and shows `S` quantities. It does nothing of itself: a [`Task`] calls it.
 pub trait Machine<const N: usize, const S: usize>: Clone + Debug {
     /// The quantities' names.
     const SIGNALS: [&'static str; S];
@@ -67,91 +67,41 @@ pub enum Progress {
 /// A slave board.
 #[derive(Clone, Debug)]
 pub struct Slave<M, const N: usize, const S: usize> {
-    machine: M,
+    task: Task<M, N, S>,
     link: Link<N>,
-    schedule: Schedule,
     clock: Clock,
     now: Instant,
-    /// The values that telemetry has told.
-    told: [i64; S],
 }
 
 impl<M: Machine<N, S>, const N: usize, const S: usize> Slave<M, N, S> {
-    /// A board as at power-on, which samples every `period_ms` milliseconds of `clock`.
-    pub(crate) fn with(machine: M, period_ms: u32, clock: Clock) -> Self {
-        let told = machine.values();
-        let (link, schedule) = (Link::new(clock), Schedule::new(period_ms, clock));
-        let mut slave = Self { machine, link, schedule, clock, now: Instant::START, told };
-        // A load may move the axis that nobody drives.
-        slave.sample_unless_at_rest(Instant::START);
-        slave
+    /// A board as at power-on.
+    pub(crate) fn with(task: Task<M, N, S>, clock: Clock) -> Self {
+        Self { task, link: Link::new(clock), clock, now: Instant::START }
     }
 
     fn execute(&mut self, now: Instant, part: [u8; N]) {
-        match self.machine.start(now, part) {
-            Ok(()) => {
-                self.link.start();
-                self.schedule.start(now);
-            }
+        match self.task.start(now, part) {
+            Ok(()) => self.link.start(),
             Err(refusal) => self.link.refuse(refusal),
         }
     }
 
     fn stimulus(&mut self, now: Instant, stimulus: &Stimulus) {
+        self.task.stimulus(now, stimulus);
         match stimulus {
-            Stimulus::Stall(blocked) => self.machine.stall(now, *blocked),
-            Stimulus::Reset => {
-                self.machine.reset(now);
-                self.link.reset();
-            }
-            Stimulus::Power(_) => {
-                self.machine.power(now);
-                self.link.power(self.clock);
-                self.schedule.stop();
-                self.sample_unless_at_rest(now);
-            }
+            Stimulus::Reset => self.link.reset(),
+            Stimulus::Power(_) => self.link.power(self.clock),
             Stimulus::Clock(clock) => {
                 self.clock = *clock;
                 self.link.retune(*clock);
-                self.schedule.retune(now, *clock);
             }
-            Stimulus::Counts(_)
-            | Stimulus::Load(_)
-            | Stimulus::Supply(_)
-            | Stimulus::Backlash(_)
-            | Stimulus::EndStop(_)
-            | Stimulus::Drive(_) => {
-                self.machine.disturb(now, stimulus);
-                self.sample_unless_at_rest(now);
-            }
-            // The stepping loop sees to the first three; the others are for PCs.
-            Stimulus::Hang(_) | Stimulus::Slow(_) | Stimulus::Stop(_) => {}
-            Stimulus::Write(_) | Stimulus::Discard | Stimulus::Configure { .. } => {}
-        }
-    }
-
-    fn sample_unless_at_rest(&mut self, now: Instant) {
-        if !self.machine.is_at_rest() {
-            self.schedule.start(now);
-        }
-    }
-
-    fn sample(&mut self, now: Instant) {
-        match self.machine.sample(now, self.link.is_busy()) {
-            Progress::Going => {}
-            Progress::Done => self.link.finish(),
-            Progress::Failed(fault) => self.link.fail(fault),
-        }
-        if !self.link.is_busy() && self.machine.is_at_rest() {
-            self.schedule.stop();
+            _ => {}
         }
     }
 
     fn poll_telemetry(&mut self) -> Option<Output> {
-        let values = self.machine.values();
-        let changed = values.iter().zip(&self.told).position(|(value, told)| value != told)?;
-        self.told[changed] = values[changed];
-        Some(Output::Telemetry { signal: u8::try_from(changed).ok()?, value: values[changed] })
+        let (signal, value) = self.task.poll_telemetry()?;
+        Some(Output::Telemetry { signal, value })
     }
 
     fn poll_event(&mut self) -> Option<Output> {
@@ -167,11 +117,14 @@ impl<M: Machine<N, S>, const N: usize, const S: usize> Slave<M, N, S> {
 
 impl<M: Machine<N, S>, const N: usize, const S: usize> Board for Slave<M, N, S> {
     fn description(&self) -> Description {
-        // At power-on every quantity is 0: the firmware counts from where the axis stands.
-        let signals = M::SIGNALS.iter().map(|name| Signal::new(name, 0)).collect();
-        let mut heeds = vec![Heeds::Reset, Heeds::Motor];
-        heeds.extend(M::IS_AXIS.then_some(Heeds::Axis));
-        Description { ports: vec!["master".to_owned()], signals, events: Event::texts(), waits: Vec::new(), heeds }
+        Description {
+            ports: vec!["master".to_owned()],
+            signals: self.task.signals(),
+            events: Event::texts(),
+            waits: Vec::new(),
+            heeds: [Heeds::Reset].into_iter().chain(self.task.heeds()).collect(),
+            motors: Vec::new(),
+        }
     }
 
     fn receivers(&self) -> Vec<Receiver> {
@@ -193,8 +146,10 @@ impl<M: Machine<N, S>, const N: usize, const S: usize> Board for Slave<M, N, S> 
     fn handle_timeout(&mut self, now: Instant) {
         self.now = now;
         self.link.handle_timeout(now);
-        if self.schedule.take(now) {
-            self.sample(now);
+        match self.task.sample(now, self.link.is_busy()) {
+            Progress::Going => {}
+            Progress::Done => self.link.finish(),
+            Progress::Failed(fault) => self.link.fail(fault),
         }
     }
 
@@ -203,13 +158,13 @@ impl<M: Machine<N, S>, const N: usize, const S: usize> Board for Slave<M, N, S> 
     }
 
     fn poll_timeout(&self) -> Option<Deadline> {
-        let sample = self.schedule.poll_timeout().map(|at| (at, "sample"));
+        let sample = self.task.poll_timeout().map(|at| (at, "sample"));
         let (at, why) =
             self.link.poll_timeout().into_iter().chain(sample).reduce(|a, b| if b.0 < a.0 { b } else { a })?;
         Some(Deadline { at, why })
     }
 
     fn mute(&self) -> bool {
-        !self.link.is_about_to_speak() && !self.machine.is_on_watch()
+        !self.link.is_about_to_speak() && !self.task.is_on_watch()
     }
 }

@@ -11,6 +11,7 @@ use crate::encoder::{Counter, Encoder};
 use crate::plant::SpeedMotor;
 use crate::settings::{SpindleController, SpindleSettings};
 use crate::slave::{Machine, Progress, Slave};
+use crate::task::Task;
 
 /// The windows whose mean is compared with the set point: 0.24 s, enough to take out the jitter of a count. (Ours.)
 const MEAN_OF: usize = 8;
@@ -26,8 +27,18 @@ const RPM: f64 = core::f64::consts::TAU / 60.0;
 /// It executes a sub-frame until the mean of eight windows is within half a count of the set point, and regulates on.
 pub type Spindle = Slave<SpindleMachine, { SpindlePart::LENGTH }, 4>;
 
+/// What the main motor's board does but for the link to its master.
+pub type SpindleTask = Task<SpindleMachine, { SpindlePart::LENGTH }, 4>;
+
 impl Spindle {
     /// The board as at power-on: the motor stands.
+    pub fn new(settings: &SpindleSettings, clock: Clock) -> Self {
+        Self::with(SpindleTask::new(settings, clock), clock)
+    }
+}
+
+impl SpindleTask {
+    /// The same: the motor stands.
     pub fn new(settings: &SpindleSettings, clock: Clock) -> Self {
         Self::with(SpindleMachine::new(settings), settings.controller.window_ms, clock)
     }

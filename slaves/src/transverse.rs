@@ -11,6 +11,7 @@ use crate::encoder::{Counter, Encoder};
 use crate::plant::{PositionMotor, SampledPlant};
 use crate::settings::{PositionModel, TransverseController, TransverseSettings};
 use crate::slave::{Machine, Progress, Slave};
+use crate::task::Task;
 
 /// In position for so long, the axis is done: four samples of 30 ms. (Ours.)
 const SETTLED_MS: u32 = 120;
@@ -23,8 +24,18 @@ const STALL_MS: u32 = 1_020;
 /// samples; then it holds the axis there.
 pub type Transverse = Slave<TransverseMachine, { TransversePart::LENGTH }, 4>;
 
+/// What the feed axis's board does but for the link to its master.
+pub type TransverseTask = Task<TransverseMachine, { TransversePart::LENGTH }, 4>;
+
 impl Transverse {
     /// The board as at power-on: the carriage stands in mid-travel.
+    pub fn new(settings: &TransverseSettings, clock: Clock) -> Self {
+        Self::with(TransverseTask::new(settings, clock), clock)
+    }
+}
+
+impl TransverseTask {
+    /// The same: the carriage stands in mid-travel.
     pub fn new(settings: &TransverseSettings, clock: Clock) -> Self {
         Self::with(TransverseMachine::new(settings), settings.controller.sample_ms, clock)
     }

@@ -1,6 +1,7 @@
 //! The command line.
 
 mod board;
+mod compare;
 mod ctl;
 mod diff;
 mod identify;
@@ -76,6 +77,8 @@ enum Command {
     Identify(identify::Arguments),
     /// Proposes a controller for a board's motor, says what it will do, and shows it on the rig.
     Tune(tune::Arguments),
+    /// Plays a program on two rigs, and shows side by side what their buses cost.
+    Compare(compare::Arguments),
     /// Prints a recorded trace as a bus analyser would, or exports it.
     Trace(trace::Arguments),
     /// Lets a recorded session happen again, and checks that the same comes of it.
@@ -103,6 +106,7 @@ pub(crate) fn main(started: Instant) -> ExitCode {
             Command::Sweep(arguments) => arguments.run(),
             Command::Identify(arguments) => arguments.run().await,
             Command::Tune(arguments) => arguments.run().await,
+            Command::Compare(arguments) => arguments.run().await,
             Command::Trace(arguments) => arguments.run(),
             Command::Replay(arguments) => arguments.run(started).await,
             Command::Diff(arguments) => arguments.run(),

@@ -177,9 +177,9 @@ impl RawFault {
         let what = match (&self.line, &self.board) {
             (Some(line), None) => What::Line(names.line(line)?, self.disturbance(names, dice.seed(&self.name()))?),
             (None, Some(board)) => {
-                let (node, ailment) = (names.board(board)?, self.ailment()?);
-                self.mean_something(names, node, ailment)?;
-                What::Board(node, ailment)
+                let ((node, motor), ailment) = (names.board_or_motor(board)?, self.ailment()?);
+                self.mean_something(names, board.get_ref(), (node, motor), ailment)?;
+                What::Board(node, motor, ailment)
             }
             _ => return Err((self.kind.span(), format!("'{kind}': expected the place, either line or board"))),
         };
@@ -204,16 +204,24 @@ impl RawFault {
         Err((place, format!("there is a fault '{}' already: expected another name", fault.name)))
     }
 
-    /// Refuses what would happen to a board without what it happens to.
-    fn mean_something(&self, names: &Names, node: NodeId, ailment: Ailment) -> Result<(), Complaint> {
-        let Some(needed) = ailment.needs() else { return Ok(()) };
-        if names.heeds[node].contains(&needed) {
+    /// Refuses what would happen to a board or a motor without what it happens to.
+    fn mean_something(
+        &self,
+        names: &Names,
+        place: &str,
+        (node, motor): (NodeId, Option<u8>),
+        ailment: Ailment,
+    ) -> Result<(), Complaint> {
+        let heeding: Vec<String> = match ailment.needs() {
+            None if motor.is_none() => return Ok(()),
+            None => vec![names.boards[node].clone()],
+            Some(needed) => names.heeding(needed),
+        };
+        if heeding.iter().any(|name| name == place) {
             return Ok(());
         }
-        let heeding = names.boards.iter().zip(&names.heeds).filter(|(_, heeds)| heeds.contains(&needed));
-        let boards: Vec<&str> = heeding.map(|(name, _)| name.as_str()).collect();
-        let message = format!("'{}' means nothing to '{}'", self.kind.get_ref(), names.boards[node]);
-        Err((self.kind.span(), format!("{message}: expected one of the boards {}", boards.join(", "))))
+        let message = format!("'{}' means nothing to '{place}'", self.kind.get_ref());
+        Err((self.kind.span(), format!("{message}: expected one of the boards {}", heeding.join(", "))))
     }
 
     /// What it says beyond its place, its kind and its time, and where.

@@ -42,8 +42,8 @@ pub struct Fault {
 pub enum What {
     /// A line.
     Line(LineId, Disturbance),
-    /// A board: its firmware, its supply, its oscillator, its motor.
-    Board(NodeId, Ailment),
+    /// A board: its firmware, its supply, its oscillator, its motor. If it has several: which.
+    Board(NodeId, Option<u8>, Ailment),
 }
 
 /// What can happen to a board.
@@ -136,10 +136,11 @@ impl Fault {
                 }
                 Broken { since, line: Some(fault), until, cure: Vec::new(), drift: None }
             }
-            What::Board(node, ailment) => {
+            What::Board(node, motor, ailment) => {
                 let usual = rig.nodes()[*node].clock;
                 let (begin, cure) = ailment.stimuli(usual);
-                let since = begin.map_or(at, |stimulus| rig.stimulate(*node, at, stimulus));
+                let told = |stimulus: Stimulus| motor.map_or(stimulus.clone(), |motor| stimulus.of(motor));
+                let since = begin.map_or(at, |stimulus| rig.stimulate(*node, at, told(stimulus)));
                 let until = self.until(since);
                 let drift = match ailment {
                     Ailment::Drift(per_second) => {
@@ -147,7 +148,7 @@ impl Fault {
                     }
                     _ => None,
                 };
-                let cure = cure.into_iter().map(|cure| (*node, cure)).collect();
+                let cure = cure.into_iter().map(|cure| (*node, told(cure))).collect();
                 let broken = Broken { since, line: None, until, cure, drift };
                 if !until.is_never() {
                     broken.clone().heal(rig, until);

@@ -7,7 +7,7 @@ use torno_protocol::time::Instant;
 
 use crate::engine::{Fact, NodeId};
 use crate::pc::PcUart;
-use crate::rig::file::RigFile;
+use crate::rig::file::{DEFAULT, RigFile};
 use crate::rig::kinds::KindError;
 use crate::rig::kinds::motor::{self, Encoder, Law, Motor};
 use crate::rig::{Driver, Rig, RigError};
@@ -105,6 +105,14 @@ pub enum BenchError {
         /// Those that have one.
         known: String,
     },
+    /// The board drives several motors.
+    #[error("board '{board}' has several motors ({motors}): expected one with a motor of its own, as '{DEFAULT}' has")]
+    SeveralMotors {
+        /// The board.
+        board: String,
+        /// Their names.
+        motors: String,
+    },
     /// A level that the drive cannot have.
     #[error("level {found}: expected above 0 and up to {full} {unit}, which is full drive")]
     Level {
@@ -149,6 +157,10 @@ impl Subject {
             return Err(BenchError::NoBoard { rig, board: board.to_owned(), hint });
         };
         let found = &file.boards[node];
+        let motors: Vec<&str> = found.description.motors.iter().map(|motor| motor.name.as_str()).collect();
+        if !motors.is_empty() {
+            return Err(BenchError::SeveralMotors { board: board.to_owned(), motors: motors.join(", ") });
+        }
         let Some(motor) = motor::motor(&found.kind, &found.settings)? else {
             let has_motor = |other: &&crate::rig::file::Board| {
                 motor::motor(&other.kind, &other.settings).is_ok_and(|m| m.is_some())

@@ -189,6 +189,7 @@ impl<P: PcProgram> Board for PcUart<P> {
             events: PcEvent::TEXTS.map(str::to_owned).to_vec(),
             waits: vec![Wait { signal: STOPPED, ports: vec![0] }],
             heeds: Vec::new(),
+            motors: Vec::new(),
         }
     }
 

@@ -1,5 +1,6 @@
 //! What a person, or a program, is told at the end of a run and on the way.
 
+mod comparison;
 pub mod drawing;
 mod part;
 pub mod plot;
@@ -8,6 +9,7 @@ mod stats;
 mod summary;
 mod tested;
 
+pub use comparison::{Comparison, Side};
 pub use part::{EventSummary, Measure, PartSummary, Worst};
 pub use progress::Bar;
 pub use stats::{BytesPerTurn, Shares, Stats};

@@ -18,7 +18,10 @@ use super::place;
 use crate::text::{self, Complaint, Invalid, TextError};
 
 /// The rigs that are built in: name and text.
-const BUILT_IN: [(&str, &str); 1] = [("lathe", include_str!("../../builtin/lathe.toml"))];
+const BUILT_IN: [(&str, &str); 2] = [
+    ("lathe", include_str!("../../builtin/lathe.toml")),
+    ("lathe-dspic", include_str!("../../builtin/lathe-dspic.toml")),
+];
 
 /// The rig that is meant where none is named.
 pub const DEFAULT: &str = "lathe";

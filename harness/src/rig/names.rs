@@ -1,7 +1,7 @@
 //! The names that a rig gives to its parts.
 
 use toml::Spanned;
-use torno_protocol::board::Heeds;
+use torno_protocol::board::{Heeds, Motor};
 
 use super::file::RigFile;
 use crate::engine::{LineId, NodeId};
@@ -17,7 +17,9 @@ pub struct Names {
     /// The events' texts of each.
     pub events: Vec<Vec<String>>,
     /// What each heeds.
-    pub heeds: Vec<Vec<Heeds>>,
+    heeds: Vec<Vec<Heeds>>,
+    /// The motors of each that has several.
+    motors: Vec<Vec<Motor>>,
     /// Lines.
     pub lines: Vec<String>,
     /// What sends on each line: the board and its port.
@@ -36,6 +38,7 @@ impl Names {
             signals: described().map(|d| d.signals.iter().map(|signal| signal.name.clone()).collect()).collect(),
             events: described().map(|d| d.events.clone()).collect(),
             heeds: described().map(|d| d.heeds.clone()).collect(),
+            motors: described().map(|d| d.motors.clone()).collect(),
             boards,
             lines,
             senders,
@@ -48,6 +51,29 @@ impl Names {
     /// Where, and the nearest known name.
     pub fn board(&self, name: &Spanned<String>) -> Result<NodeId, Complaint> {
         find("board", name, &self.boards)
+    }
+
+    /// The number of a board or, as `BOARD.MOTOR`, of one of its several motors, too.
+    ///
+    /// # Errors
+    /// Where, and the nearest known name.
+    pub fn board_or_motor(&self, name: &Spanned<String>) -> Result<(NodeId, Option<u8>), Complaint> {
+        let Some((board, motor)) = name.get_ref().split_once('.') else { return Ok((self.board(name)?, None)) };
+        let node = self.board(&Spanned::new(name.span(), board.to_owned()))?;
+        let known: Vec<String> = self.motors[node].iter().map(|motor| motor.name.clone()).collect();
+        let motor = Spanned::new(name.span(), motor.to_owned());
+        find(&format!("motor of '{board}'"), &motor, &known).map(|place| (node, Some(place as u8)))
+    }
+
+    /// The boards that heed something, and the motors, as `BOARD.MOTOR`, of those that have several.
+    pub fn heeding(&self, what: Heeds) -> Vec<String> {
+        let mut names = Vec::new();
+        for ((board, heeds), motors) in self.boards.iter().zip(&self.heeds).zip(&self.motors) {
+            names.extend(heeds.contains(&what).then(|| board.clone()));
+            let motors = motors.iter().filter(|motor| motor.heeds.contains(&what));
+            names.extend(motors.map(|motor| format!("{board}.{}", motor.name)));
+        }
+        names
     }
 
     /// The number of a line.

@@ -88,8 +88,8 @@ impl Reader {
     pub fn new(header: &Header) -> Self {
         let kind = |board: usize| header.boards[board].kind.as_str();
         let role = |line: &super::LineInfo| match (kind(line.from), kind(line.to)) {
-            ("pc", "master") => Role::Frames,
-            ("master", "pc") => Role::Replies,
+            ("pc", _) => Role::Frames,
+            (_, "pc") => Role::Replies,
             ("master", to) => slave(to).map_or(Role::Unknown, Role::Parts),
             (from, "master") => slave(from).map_or(Role::Unknown, Role::Answers),
             _ => Role::Unknown,

@@ -11,7 +11,7 @@ use crate::rig::file::{Line, RigFile};
 use crate::rig::{Input, What};
 
 /// The version of the format.
-pub const VERSION: u16 = 2;
+pub const VERSION: u16 = 3;
 
 /// What every trace begins with. Its first byte is no text, its last two tell whether somebody has changed line ends.
 pub(super) const MAGIC: [u8; 8] = *b"\x89torno\r\n";

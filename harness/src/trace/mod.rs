@@ -4,7 +4,7 @@
 //! came from outside. The facts are what happened; the rig and the inputs are all that is needed to let it happen
 //! again.
 //!
-//! # The file, version 2
+//! # The file, version 3
 //!
 //! All fixed numbers are little-endian. `varint` is an unsigned LEB128 as `postcard` writes it, at most ten bytes;
 //! `zigzag` is a signed number as a varint of `(n << 1) ^ (n >> 63)`.

@@ -245,6 +245,7 @@ mod tests {
             any::<u16>().prop_map(Stimulus::Backlash),
             any::<i32>().prop_map(Stimulus::EndStop),
             any::<i32>().prop_map(Stimulus::Drive),
+            (any::<u8>(), any::<i32>()).prop_map(|(motor, load)| Stimulus::Load(load).of(motor)),
             prop::collection::vec(any::<u8>(), 0..20).prop_map(Stimulus::Write),
             (any::<u32>(), any::<bool>()).prop_map(|(baud, ixon)| Stimulus::Configure { baud, ixon }),
         ];

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use anstyle::{AnsiColor, Style};
 use serde_json::{Value, json};
-use torno_protocol::board::{Stimulus, event_text};
+use torno_protocol::board::{Description, Stimulus, event_text};
 use torno_protocol::line::Level;
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::Character;
@@ -214,7 +214,9 @@ impl Row {
     /// A row for what came from outside.
     pub(super) fn of_input(header: &Header, input: &Input) -> Self {
         let (place, text) = match &input.what {
-            What::Stimulus { board, stimulus } => (Place::Board(*board), stimulus_text(stimulus)),
+            What::Stimulus { board, stimulus } => {
+                (Place::Board(*board), stimulus_text(&header.boards[*board].description, stimulus))
+            }
             What::Disturbed { line, fault, disturbance } => {
                 (Place::Line(*line), format!("fault {fault}: {}", disturbance_text(header, disturbance)))
             }
@@ -318,8 +320,12 @@ fn csv_field(text: &str) -> String {
     if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_owned() }
 }
 
-fn stimulus_text(stimulus: &Stimulus) -> String {
+fn stimulus_text(description: &Description, stimulus: &Stimulus) -> String {
     match stimulus {
+        Stimulus::Of(motor, what) => {
+            let motor = description.motors.get(usize::from(*motor)).map_or("?", |motor| &motor.name);
+            format!("{motor}: {}", stimulus_text(description, &Stimulus::from(*what)))
+        }
         Stimulus::Stop(true) => "is stopped".to_owned(),
         Stimulus::Stop(false) => "goes on".to_owned(),
         Stimulus::Hang(true) => "hangs".to_owned(),

@@ -8,6 +8,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use toml::de::{DeTable, DeValue, ValueDeserializer};
 use toml::{Spanned, Table};
+use torno_dspic::{Dspic, DspicSettings};
 use torno_master::{Master, MasterSettings};
 use torno_protocol::board::{Board, Description};
 use torno_protocol::clock::Clock;
@@ -18,7 +19,7 @@ use torno_slaves::{Depth, DepthSettings, Spindle, SpindleSettings, Transverse, T
 use crate::text::{Complaint, of_toml};
 
 /// The kinds of boards that there are.
-pub const NAMES: [&str; 4] = ["master", "spindle", "transverse", "depth"];
+pub const NAMES: [&str; 5] = ["master", "spindle", "transverse", "depth", "dspic"];
 
 /// A board of any kind with its stepper.
 pub trait Steps: Send {
@@ -82,6 +83,7 @@ pub fn build_parsed(kind: &str, settings: &Spanned<DeValue<'_>>, clock: Clock) -
         Settings::Spindle(s) => boxed(Spindle::new(&s, clock)),
         Settings::Transverse(s) => boxed(Transverse::new(&s, clock)),
         Settings::Depth(s) => boxed(Depth::new(&s, clock)),
+        Settings::Dspic(s) => boxed(Dspic::new(&s, clock)),
     })
 }
 
@@ -100,6 +102,7 @@ pub(super) enum Settings {
     Spindle(SpindleSettings),
     Transverse(TransverseSettings),
     Depth(DepthSettings),
+    Dspic(Box<DspicSettings>),
 }
 
 fn parsed(kind: &str, settings: &Spanned<DeValue<'_>>) -> Result<Settings, KindError> {
@@ -108,6 +111,7 @@ fn parsed(kind: &str, settings: &Spanned<DeValue<'_>>) -> Result<Settings, KindE
         "spindle" => read(settings, SpindleSettings::check).map(Settings::Spindle),
         "transverse" => read(settings, TransverseSettings::check).map(Settings::Transverse),
         "depth" => read(settings, DepthSettings::check).map(Settings::Depth),
+        "dspic" => read(settings, DspicSettings::check).map(|s| Settings::Dspic(Box::new(s))),
         _ => return Err(KindError::Unknown { kind: kind.to_owned() }),
     }
     .map_err(|complaint| wrong(kind, complaint))

@@ -53,7 +53,7 @@ pub struct Motor {
 /// [`KindError`] if there is no such kind, or its settings are wrong.
 pub fn motor(kind: &str, settings: &str) -> Result<Option<Motor>, KindError> {
     Ok(match settings_of(kind, settings)? {
-        Settings::Master(_) => None,
+        Settings::Master(_) | Settings::Dspic(_) => None,
         Settings::Spindle(SpindleSettings { drive, encoder, controller, .. }) => Some(Motor {
             encoder: Encoder::Window("speed_counts"),
             period_ms: controller.window_ms,

@@ -1,0 +1,321 @@
+//! What the buses of a rig cost: how long a frame takes, how long the PC is held, how well an axis follows, and what
+//! goes over each line. Quantities are known by their names, so that it serves any rig.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use torno_protocol::lathe::{Reply, ReplyDecoder};
+use torno_protocol::time::{Instant, Span};
+
+use crate::engine::{Fact, LineId, NodeId};
+use crate::pc::STOPPED;
+use crate::trace::Header;
+use crate::trace::decode::Ears;
+
+/// The bytes of a frame.
+const FRAME: usize = 8;
+/// How the names of an axis's position and of its set point end.
+const POSITION: &str = "position_counts";
+const SET_POINT: &str = "set_point_counts";
+
+/// Takes note of what happens in a rig.
+#[derive(Clone, Debug)]
+pub struct Ledger {
+    ears: Ears,
+    /// The lines, each with its name, and whether the PC sends on it or hears it.
+    lines: Vec<(String, bool, bool)>,
+    pc: NodeId,
+    /// Since when the PC is held, and how long it has been before.
+    held_since: Option<Instant>,
+    held: Span,
+    boards: usize,
+    axes: Vec<Follower>,
+}
+
+/// An axis's position and, if it has one, its set point.
+#[derive(Clone, Debug)]
+struct Follower {
+    name: String,
+    node: NodeId,
+    position: u8,
+    set_point: Option<u8>,
+    at: Instant,
+    values: [i64; 2],
+    worst: i64,
+}
+
+/// A mean and the longest of so many times.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Spread {
+    count: u64,
+    sum: Span,
+    /// The longest.
+    pub worst: Span,
+}
+
+/// What became of an axis.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Axis {
+    /// The name of its board or, if that has several, of the motor.
+    pub name: String,
+    /// Where it ended, in counts.
+    pub position: i64,
+    /// How far it was from its set point when it was farthest, in counts.
+    pub following_error: Option<i64>,
+}
+
+/// What the buses have cost.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Account {
+    /// How many boards there are.
+    pub boards: usize,
+    /// From the last byte of a frame that is not held to its `ACK`.
+    pub answer: Spread,
+    /// From the `XON` to the `ACK` of a frame that was held.
+    pub held_answer: Spread,
+    /// From the last byte of a frame to the `XON` after it.
+    pub whole: Spread,
+    /// From a frame's `ACK` to the `XON` after it.
+    pub execution: Spread,
+    /// How long the PC has been held in all.
+    pub held: Span,
+    /// The axes.
+    pub axes: Vec<Axis>,
+    /// The bytes on each line that is none of the PC's, by its name.
+    pub bytes: BTreeMap<String, u64>,
+    /// The bytes from the PC, and to it.
+    pub pc_bytes: [u64; 2],
+}
+
+impl Spread {
+    fn add(&mut self, time: Span) {
+        self.count += 1;
+        self.sum = self.sum + time;
+        self.worst = self.worst.max(time);
+    }
+
+    /// The mean; None of nothing.
+    pub fn mean_s(&self) -> Option<f64> {
+        (self.count > 0).then(|| self.sum.as_secs_f64() / self.count as f64)
+    }
+}
+
+impl Ledger {
+    /// A ledger of nothing yet, for the rig with this header.
+    pub fn new(header: &Header) -> Self {
+        let pc = header.boards.len().saturating_sub(1);
+        let lines = header.lines.iter().map(|line| (line.name.clone(), line.from == pc, line.to == pc)).collect();
+        let axes = header.boards.iter().enumerate().flat_map(|(node, board)| followers(node, board)).collect();
+        Self { ears: Ears::new(header), lines, pc, held_since: None, held: Span::ZERO, boards: pc, axes }
+    }
+
+    /// Takes note of facts.
+    pub fn add(&mut self, facts: &[Fact]) {
+        self.ears.note(&[], facts);
+        for fact in facts {
+            let Fact::Telemetry { node, at, signal, value } = fact else { continue };
+            if *node == self.pc && *signal == STOPPED {
+                self.hold(*at, *value != 0);
+            }
+            self.axes.iter_mut().filter(|axis| axis.node == *node).for_each(|axis| axis.follow(*at, *signal, *value));
+        }
+    }
+
+    fn hold(&mut self, at: Instant, held: bool) {
+        if let Some(since) = self.held_since.take() {
+            self.held = self.held + at.since(since);
+        }
+        self.held_since = held.then_some(at);
+    }
+
+    /// Closes it: the rig is quiet since `end`.
+    pub fn close(mut self, end: Instant) -> Account {
+        self.hold(end, false);
+        let mut account = Account {
+            boards: self.boards,
+            answer: Spread::default(),
+            held_answer: Spread::default(),
+            whole: Spread::default(),
+            execution: Spread::default(),
+            held: self.held,
+            axes: self.axes.into_iter().map(Follower::close).collect(),
+            bytes: BTreeMap::new(),
+            pc_bytes: [0; 2],
+        };
+        let between = self.lines.iter().filter(|(_, from_pc, to_pc)| !from_pc && !to_pc);
+        account.bytes.extend(between.map(|(name, ..)| (name.clone(), 0)));
+        let mut talk = Talk::default();
+        for heard in self.ears.hear(Instant::NEVER) {
+            account.count(&self.lines, heard.line);
+            match (&self.lines[heard.line], heard.character.ok()) {
+                ((_, true, _), _) => talk.sent(heard.at),
+                ((_, _, true), Some(byte)) => talk.heard(heard.at, byte, &mut account),
+                _ => {}
+            }
+        }
+        account
+    }
+}
+
+impl Account {
+    fn count(&mut self, lines: &[(String, bool, bool)], line: LineId) {
+        match &lines[line] {
+            (_, true, _) => self.pc_bytes[0] += 1,
+            (_, _, true) => self.pc_bytes[1] += 1,
+            (name, ..) => *self.bytes.entry(name.clone()).or_default() += 1,
+        }
+    }
+}
+
+/// The axes of a board: what has a position.
+fn followers(node: NodeId, board: &crate::trace::BoardInfo) -> Vec<Follower> {
+    let signals = &board.description.signals;
+    let place = |name: &str| signals.iter().position(|signal| signal.name == name).map(|place| place as u8);
+    let axis = |prefix: &str| {
+        let name = prefix.trim_end_matches('_');
+        Some(Follower {
+            name: if name.is_empty() { board.name.clone() } else { name.to_owned() },
+            node,
+            position: place(&format!("{prefix}{POSITION}"))?,
+            set_point: place(&format!("{prefix}{SET_POINT}")),
+            at: Instant::START,
+            values: [0; 2],
+            worst: 0,
+        })
+    };
+    signals.iter().filter_map(|signal| axis(signal.name.strip_suffix(POSITION)?)).collect()
+}
+
+impl Follower {
+    fn follow(&mut self, at: Instant, signal: u8, value: i64) {
+        let place = match signal {
+            of if of == self.position => 0,
+            of if Some(of) == self.set_point => 1,
+            _ => return,
+        };
+        // What is told at one instant holds together.
+        if at > self.at {
+            self.look();
+            self.at = at;
+        }
+        self.values[place] = value;
+    }
+
+    fn look(&mut self) {
+        let [position, set_point] = self.values;
+        self.worst = self.worst.max((set_point - position).abs());
+    }
+
+    fn close(mut self) -> Axis {
+        self.look();
+        let following_error = self.set_point.map(|_| self.worst);
+        Axis { name: self.name, position: self.values[0], following_error }
+    }
+}
+
+/// The conversation with the PC as its lines have it.
+#[derive(Debug, Default)]
+struct Talk {
+    bytes: usize,
+    decoder: ReplyDecoder,
+    /// Frames without an answer: when the last byte came, and whether it is held.
+    waiting: VecDeque<(Instant, bool)>,
+    /// Frames that are being executed: when the last byte came, and when the `ACK`.
+    running: Vec<(Instant, Instant)>,
+    resumed: Option<Instant>,
+}
+
+impl Talk {
+    fn sent(&mut self, at: Instant) {
+        self.bytes += 1;
+        if self.bytes.is_multiple_of(FRAME) {
+            self.waiting.push_back((at, false));
+        }
+    }
+
+    fn heard(&mut self, at: Instant, byte: u8, account: &mut Account) {
+        for reply in self.decoder.push(byte) {
+            match reply {
+                Reply::Ack => {
+                    let Some((sent, held)) = self.waiting.pop_front() else { continue };
+                    self.running.push((sent, at));
+                    match (held, self.resumed) {
+                        (true, Some(resumed)) => account.held_answer.add(at.since(resumed)),
+                        _ => account.answer.add(at.since(sent)),
+                    }
+                }
+                Reply::Xoff => self.waiting.iter_mut().for_each(|(_, held)| *held = true),
+                Reply::Xon => {
+                    self.resumed = Some(at);
+                    for (sent, acknowledged) in self.running.drain(..) {
+                        account.whole.add(at.since(sent));
+                        account.execution.add(at.since(acknowledged));
+                    }
+                }
+                Reply::Nak(_) => drop(self.waiting.pop_front()),
+                // What was held is dropped.
+                Reply::Can(..) => self.waiting.clear(),
+                Reply::Unknown(_) => {}
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use torno_protocol::lathe::{ACK, XOFF, XON};
+
+    use super::*;
+    use crate::rig::file::RigFile;
+
+    fn ms(ms: u64) -> Instant {
+        Instant::START + Span::from_millis(ms)
+    }
+
+    fn header(rig: &str) -> Header {
+        Header::new(&RigFile::load(rig).unwrap(), rig, 0, None)
+    }
+
+    #[test]
+    fn an_axis_is_known_by_the_names_of_its_quantities() {
+        let axes = |rig| Ledger::new(&header(rig)).axes;
+        let names = |rig| axes(rig).into_iter().map(|a| (a.name, a.set_point.is_some())).collect::<Vec<_>>();
+        let expected = [("transverse".to_owned(), true), ("depth".to_owned(), false)];
+        assert_eq!((names("lathe"), names("lathe-dspic")), (expected.to_vec(), expected.to_vec()));
+    }
+
+    #[test]
+    fn what_is_told_at_one_instant_holds_together() {
+        let mut ledger = Ledger::new(&header("lathe"));
+        let telemetry = |at, signal, value| Fact::Telemetry { node: 2, at, signal, value };
+        let axis = &ledger.axes[0];
+        let (position, set_point) = (axis.position, axis.set_point.unwrap());
+        ledger.add(&[telemetry(ms(30), position, 100), telemetry(ms(30), set_point, 103)]);
+        ledger.add(&[telemetry(ms(60), set_point, 110), telemetry(ms(60), position, 105)]);
+        let account = ledger.close(ms(90));
+        assert_eq!(account.axes[0], Axis { name: "transverse".to_owned(), position: 105, following_error: Some(5) });
+    }
+
+    #[test]
+    fn a_held_frame_is_answered_from_the_xon_on() {
+        let mut account = Ledger::new(&header("lathe")).close(ms(0));
+        let mut talk = Talk::default();
+        (1..=16).for_each(|n| talk.sent(ms(n)));
+        for (at, reply) in [(10, ACK), (18, XOFF), (500, XON), (505, ACK), (900, XON)] {
+            talk.heard(ms(at), reply, &mut account);
+        }
+        let times = [account.answer, account.held_answer, account.whole, account.execution];
+        let found = times.map(|spread| (spread.count, spread.sum, spread.worst));
+        let ms = Span::from_millis;
+        let (whole, execution) = ((2, ms(492 + 884), ms(884)), (2, ms(490 + 395), ms(490)));
+        assert_eq!(found, [(1, ms(2), ms(2)), (1, ms(5), ms(5)), whole, execution]);
+    }
+
+    #[test]
+    fn a_pc_that_is_held_to_the_end_is_held_until_then() {
+        let mut ledger = Ledger::new(&header("lathe"));
+        let pc = ledger.pc;
+        let stopped = |at, value| Fact::Telemetry { node: pc, at, signal: STOPPED, value };
+        ledger.add(&[stopped(ms(10), 1), stopped(ms(40), 0), stopped(ms(100), 1)]);
+        assert_eq!(ledger.close(ms(150)).held, Span::from_millis(80));
+    }
+}
