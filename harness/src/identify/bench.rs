@@ -106,9 +106,7 @@ pub enum BenchError {
         known: String,
     },
     /// The board drives several motors.
-    #[error(
-        "board '{board}' has several motors ({motors}): expected one with a motor of its own, as the rig '{DEFAULT}' has"
-    )]
+    #[error("board '{board}' has several motors ({motors}): expected one with its own motor, as '{DEFAULT}' has")]
     SeveralMotors {
         /// The board.
         board: String,
