@@ -1,4 +1,5 @@
-//! What is made of the facts: a digest, the last telemetry, a log, a waveform dump, what the buses cost. None of it touches the rig.
+//! What is made of the facts: a digest, the last telemetry, a log, a waveform dump, what the buses cost. None of it
+//! touches the rig.
 
 mod digest;
 mod ledger;
