@@ -45,8 +45,8 @@ fn quantities(rig: &str) -> [(&'static str, &'static str); 3] {
     }
 }
 
-/// Where the axes are whenever the PC is told that all is done, and at the end; and the speeds that are wanted, one after
-/// the other.
+/// Where the axes are whenever the PC is told that all is done, and at the end; and the speeds that are wanted, in
+/// order.
 fn stations(rig: &str, program: &str) -> (Vec<[i64; 2]>, Vec<i64>) {
     let file = RigFile::load(rig).unwrap();
     let places = quantities(rig).map(|(board, quantity)| {

@@ -118,8 +118,9 @@ proptest! {
         bench.run_ms(2);
         let replies = bench.replies();
         // An axis that stands at its end can go no further.
-        prop_assert!(["ACK XON", "ACK CAN t e XON", "ACK CAN d e XON", "ACK CAN d e CAN t e XON", "ACK CAN t e CAN d e XON"]
-            .contains(&replies.as_str()), "{}", replies);
+        let ends = ["CAN t e ", "CAN d e "];
+        let bare = ends.iter().fold(replies.clone(), |replies, end| replies.replace(end, ""));
+        prop_assert_eq!(bare, "ACK XON", "{}", replies);
     }
 
     #[test]
