@@ -363,6 +363,7 @@ fn what_has_been_healed_can_break_again_by_its_name() {
 fn what_is_wrong_with_a_file_is_told() {
     let step = |action: &str| format!("name = \"n\"\n[[step]]\ndoes = \"d\"\n{action}\n");
     let fault = |fields: &str| format!("name = \"n\"\n[[fault]]\n{fields}\n");
+    let one_board = |fields: &str| format!("name = \"n\"\nrig = \"lathe-dspic\"\n[[fault]]\n{fields}\n");
     let claim = |fields: &str| format!("name = \"n\"\n[[expect.finally]]\n{fields}\n");
     for (text, place, message) in [
         (fault("line = \"pc_to_mastr\"\nkind = \"cut\""), "3:8", "no line 'pc_to_mastr': did you mean 'pc_to_master'?"),
@@ -399,6 +400,27 @@ fn what_is_wrong_with_a_file_is_told() {
             fault("board = \"master\"\nkind = \"stall\""),
             "4:8",
             "'stall' means nothing to 'master': expected one of the boards spindle, transverse, depth",
+        ),
+        (fault("board = \"depth.spindle\"\nkind = \"stall\""), "3:9", "there is no motor of 'depth' 'spindle'"),
+        (
+            one_board("board = \"dspic\"\nkind = \"stall\""),
+            "5:8",
+            "'stall' means nothing to 'dspic': expected one of the boards dspic.spindle, dspic.transverse, dspic.depth",
+        ),
+        (
+            one_board("board = \"dspic.deth\"\nkind = \"stall\""),
+            "4:9",
+            "there is no motor of 'dspic' 'deth': did you mean 'depth'?",
+        ),
+        (
+            one_board("board = \"dspic.spindle\"\nkind = \"end-stop\"\nvalue = 3"),
+            "5:8",
+            "'end-stop' means nothing to 'dspic.spindle': expected one of the boards dspic.transverse, dspic.depth",
+        ),
+        (
+            one_board("board = \"dspic.depth\"\nkind = \"hang\""),
+            "5:8",
+            "'hang' means nothing to 'dspic.depth': expected one of the boards dspic",
         ),
         (fault("board = \"pc\"\nkind = \"load\"\nvalue = \"3 %\""), "4:8", "'load' means nothing to 'pc'"),
         (fault("board = \"pc\"\nkind = \"reset\""), "4:8", "expected one of the boards master, spindle, transverse"),

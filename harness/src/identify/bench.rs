@@ -106,7 +106,7 @@ pub enum BenchError {
         known: String,
     },
     /// The board drives several motors.
-    #[error("board '{board}' has several motors ({motors}): expected one with a motor of its own, as '{DEFAULT}' has")]
+    #[error("board '{board}' has several motors ({motors}): expected one with its own motor, as '{DEFAULT}' has")]
     SeveralMotors {
         /// The board.
         board: String,

@@ -70,6 +70,20 @@ fn the_motor_that_is_blocked_is_the_one_that_fails() {
 }
 
 #[test]
+fn a_shaft_that_is_blocked_while_it_is_regulated_is_told_of_unasked() {
+    let mut bench = Bench::new();
+    bench.send(&FRAME);
+    assert!(bench.run_until_mute(30), "it regulates, and has nothing to say");
+    bench.run_ms(2);
+    assert_eq!(bench.replies(), "ACK XON");
+    bench.stimulus(Stimulus::Stall(true).of(SPINDLE));
+    assert!(!bench.cell.board().mute());
+    bench.run_ms(10_000);
+    assert_eq!(bench.replies(), "CAN s s XON");
+    assert_eq!(bench.value("spindle_drive"), 0);
+}
+
+#[test]
 fn a_stimulus_that_says_no_motor_or_one_that_there_is_not_means_nothing() {
     let mut bench = Bench::new();
     bench.stimulus(Stimulus::Stall(true));
