@@ -4,6 +4,7 @@ pub mod drawing;
 mod part;
 pub mod plot;
 mod progress;
+pub mod series;
 mod stats;
 mod summary;
 mod tested;

@@ -12,7 +12,7 @@ const HEIGHT: f64 = 420.0;
 /// The height of the title, in px.
 const TITLE: u32 = 44;
 /// Colours that are told apart by most eyes (Okabe and Ito).
-const COLOURS: [RGBColor; 6] = [
+pub(super) const COLOURS: [RGBColor; 6] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
@@ -120,6 +120,69 @@ impl Figure {
         }
         Ok(svg)
     }
+}
+
+/// Series in a strip of a page: the axes as they are seen, and the lines apart from them, so that the page can stretch
+/// them along the time without drawing them anew.
+pub(super) struct Strip {
+    /// Grid lines and the labels of the vertical axis, as elements of a drawing as large as the strip.
+    pub(super) axes: String,
+    /// The lines, as elements of a drawing of [`LINES`] units.
+    pub(super) lines: String,
+}
+
+/// The units of a strip's lines: far finer than what is seen.
+pub(super) const LINES: (u32, u32) = (20_000, 2_000);
+
+/// A strip over `x`, of so many px, with so much of it left of the axis and right of the end.
+pub(super) fn strip(
+    series: &[Series],
+    x: (f64, f64),
+    size: (u32, u32),
+    (left, right): (u32, u32),
+) -> Result<Strip, PlotError> {
+    let y = range(series.iter().flat_map(|series| &series.points).map(|(_, y)| *y), 0.06);
+    let y = (y.0, y.1 + 0.06 * (y.1 - y.0));
+    let axes = drawn(size, |area| {
+        let mut chart = ChartBuilder::on(area)
+            .y_label_area_size(left)
+            .margin_right(right)
+            .build_cartesian_2d(Axis(x), Axis(y))
+            .map_err(PlotError::of)?;
+        chart
+            .configure_mesh()
+            .disable_x_mesh()
+            .disable_x_axis()
+            .light_line_style(TRANSPARENT)
+            .label_style(("sans-serif", 12).into_font())
+            .y_labels((size.1 / 26).clamp(2, 6) as usize)
+            .y_label_formatter(&|y| number(*y))
+            .draw()
+            .map_err(PlotError::of)
+    })?;
+    let lines = drawn(LINES, |area| {
+        let mut chart = ChartBuilder::on(area).build_cartesian_2d(Axis(x), Axis(y)).map_err(PlotError::of)?;
+        for (series, colour) in series.iter().zip(COLOURS.iter().cycle()) {
+            chart.draw_series(LineSeries::new(series.points.iter().copied(), colour)).map_err(PlotError::of)?;
+        }
+        Ok(())
+    })?;
+    Ok(Strip { axes, lines })
+}
+
+/// The elements of a drawing, without the drawing around them.
+fn drawn(
+    size: (u32, u32),
+    draw: impl FnOnce(&DrawingArea<SVGBackend<'_>, plotters::coord::Shift>) -> Result<(), PlotError>,
+) -> Result<String, PlotError> {
+    let mut svg = String::new();
+    {
+        let area = SVGBackend::with_string(&mut svg, size).into_drawing_area();
+        draw(&area)?;
+        area.present().map_err(PlotError::of)?;
+    }
+    let inside = svg.split_once('>').and_then(|(_, rest)| rest.rsplit_once("</svg>"));
+    Ok(inside.map_or_else(String::new, |(inside, _)| inside.trim().to_owned()))
 }
 
 impl Panel {
