@@ -12,7 +12,7 @@ const HEIGHT: f64 = 420.0;
 /// The height of the title, in px.
 const TITLE: u32 = 44;
 /// Colours that are told apart by most eyes (Okabe and Ito).
-pub(super) const COLOURS: [RGBColor; 6] = [
+const COLOURS: [RGBColor; 6] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
@@ -162,7 +162,9 @@ pub(super) fn strip(
     })?;
     let lines = drawn(LINES, |area| {
         let mut chart = ChartBuilder::on(area).build_cartesian_2d(Axis(x), Axis(y)).map_err(PlotError::of)?;
-        for (series, colour) in series.iter().zip(COLOURS.iter().cycle()) {
+        // The first lies above the others.
+        let coloured: Vec<_> = series.iter().zip(COLOURS.iter().cycle()).collect();
+        for (series, colour) in coloured.into_iter().rev() {
             chart.draw_series(LineSeries::new(series.points.iter().copied(), colour)).map_err(PlotError::of)?;
         }
         Ok(())
@@ -302,18 +304,22 @@ impl Ranged for Axis {
     }
 
     fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
-        let (low, high) = self.0;
-        let rough = (high - low) / hint.max_num_points().clamp(2, 12) as f64;
-        let power = libm::pow(10.0, libm::floor(libm::log(rough) / core::f64::consts::LN_10));
-        let step = [1.0, 2.0, 5.0, 10.0].map(|factor| factor * power).into_iter().find(|step| *step >= rough);
-        let step = step.unwrap_or(10.0 * power);
-        let (first, last) = ((low / step - 1e-9).ceil() as i64, (high / step + 1e-9).floor() as i64);
-        (first..=last).map(|n| n as f64 * step).collect()
+        ticks(self.0, hint.max_num_points())
     }
 
     fn range(&self) -> std::ops::Range<f64> {
         self.0.0..self.0.1
     }
+}
+
+/// The round numbers within a range that stand on its axis.
+pub(super) fn ticks((low, high): (f64, f64), most: usize) -> Vec<f64> {
+    let rough = (high - low) / most.clamp(2, 12) as f64;
+    let power = libm::pow(10.0, libm::floor(libm::log(rough) / core::f64::consts::LN_10));
+    let step = [1.0, 2.0, 5.0, 10.0].map(|factor| factor * power).into_iter().find(|step| *step >= rough);
+    let step = step.unwrap_or(10.0 * power);
+    let (first, last) = ((low / step - 1e-9).ceil() as i64, (high / step + 1e-9).floor() as i64);
+    (first..=last).map(|n| n as f64 * step).collect()
 }
 
 /// From the least to the greatest, with some room; never nothing.
@@ -328,7 +334,7 @@ fn range(values: impl Iterator<Item = f64>, room: f64) -> (f64, f64) {
 }
 
 /// A number on an axis: no more digits than it needs.
-fn number(value: f64) -> String {
+pub(super) fn number(value: f64) -> String {
     let text = format!("{:.6}", if value.abs() < 1e-9 { 0.0 } else { value });
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
