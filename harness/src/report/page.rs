@@ -12,8 +12,8 @@ use crate::trace::Trace;
 
 const STYLE: &str = include_str!("page/style.css");
 const SCRIPT: &str = include_str!("page/zoom.js");
-/// Columns that a line is drawn in: three for each px of a chart, for whoever looks closer.
-const COLUMNS: u64 = 3 * ALONG as u64;
+/// Columns that a line is drawn in: two for each px of a chart, for whoever looks closer.
+const COLUMNS: u64 = 2 * ALONG as u64;
 /// So many rows of what was said are listed.
 const LISTED: usize = 2_000;
 

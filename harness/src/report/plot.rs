@@ -155,7 +155,7 @@ pub(super) fn strip(
             .disable_x_axis()
             .light_line_style(TRANSPARENT)
             .label_style(("sans-serif", 12).into_font())
-            .y_labels((size.1 / 26).clamp(2, 6) as usize)
+            .y_labels((size.1 / 18).clamp(2, 7) as usize)
             .y_label_formatter(&|y| number(*y))
             .draw()
             .map_err(PlotError::of)

@@ -11,6 +11,7 @@ use super::drawing::escaped;
 use super::plot::LINES;
 use super::series::{Course, Courses, lasting};
 use crate::engine::LineId;
+use crate::pc::STOPPED;
 use crate::rig::file::RigFile;
 use crate::trace::analyser::rows;
 use crate::trace::rows::{Filter, Kind, Place, Wanted};
@@ -253,8 +254,9 @@ impl<'a> Bus<'a> {
             }
             end = at;
         }
-        let margin = 0.02 * (end - begin);
-        Some(((begin - margin).max(0.0), end + margin + 0.0001))
+        let long = end - begin;
+        // Room for the words of the last at the right.
+        Some(((begin - 0.02 * long).max(0.0), end + 0.08 * long + 0.0001))
     }
 
     /// The first that the PC said, close up: every character.
@@ -321,9 +323,12 @@ impl<'a> Bus<'a> {
     }
 }
 
+/// About how wide a letter of 12 px is.
+const WIDE: f64 = 5.8;
+
 /// About how wide a text of 12 px is.
 fn width_of(text: &str) -> f64 {
-    6.0 * text.chars().count() as f64
+    WIDE * text.chars().count() as f64
 }
 
 /// As much of a text as has room.
@@ -331,7 +336,7 @@ fn fitting(text: &str, room: f64) -> String {
     if width_of(text) <= room {
         return text.to_owned();
     }
-    let most = (room / 6.0).max(1.0) as usize - 1;
+    let most = (room / WIDE).max(1.0) as usize - 1;
     let cut: String = text.chars().take(most).collect();
     format!("{}…", cut.trim_end())
 }
@@ -353,6 +358,13 @@ fn states(trace: &Trace, courses: &Courses, until: Instant) -> Vec<State> {
     let links = rig.as_ref().map_or(&[][..], |rig| rig.links.as_slice());
     let mut states = Vec::new();
     for (n, board) in header.boards.iter().enumerate() {
+        if n == pc {
+            // What the PC's UART tells is whether it is held.
+            let at = header.lines.iter().find(|line| line.from == pc).map_or(pc, |line| line.to);
+            let course = courses.of(pc, usize::from(STOPPED));
+            states.splice(0..0, course.map(|course| State::new("PC held".to_owned(), ends(pc, at), course, until, 0)));
+            continue;
+        }
         for wait in &board.description.waits {
             let Some(course) = courses.of(n, usize::from(wait.signal)) else { continue };
             for (bit, port) in wait.ports.iter().enumerate() {
@@ -369,10 +381,7 @@ fn states(trace: &Trace, courses: &Courses, until: Instant) -> Vec<State> {
         for (signal, known) in board.description.signals.iter().enumerate() {
             let waits = board.description.waits.iter().any(|wait| usize::from(wait.signal) == signal);
             let Some(course) = courses.of(n, signal).filter(|_| !waits) else { continue };
-            if n == pc && known.name == "stopped" {
-                let at = header.lines.iter().find(|line| line.from == pc).map_or(pc, |line| line.to);
-                states.push(State::new("PC held".to_owned(), ends(pc, at), course, until, 0));
-            } else if course.len() > 1 && lasting(course, until).all(|(_, value)| value == 0 || value == 1) {
+            if course.len() > 1 && lasting(course, until).all(|(_, value)| value == 0 || value == 1) {
                 let name = format!("{} {}", board.name, known.name.replace('_', " "));
                 let line = header.lines.iter().find(|line| line.from == n);
                 let of = line.map_or((n, n), |line| ends(line.from, line.to));

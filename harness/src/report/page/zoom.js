@@ -54,38 +54,39 @@
     all.hidden = !closer;
   }
 
+  let drag = null;
+  const place = (chart, event) => {
+    const box = chart.getBoundingClientRect();
+    const x = ((event.clientX - box.left) / box.width) * chart.viewBox.baseVal.width - of(chart, "left");
+    return Math.min(1, Math.max(0, x / of(chart, "along")));
+  };
   for (const chart of charts) {
-    const place = (event) => {
-      const box = chart.getBoundingClientRect();
-      const x = ((event.clientX - box.left) / box.width) * chart.viewBox.baseVal.width - of(chart, "left");
-      return Math.min(1, Math.max(0, x / of(chart, "along")));
-    };
-    let start = null, pick = null;
     chart.addEventListener("pointerdown", (event) => {
-      if (event.button !== 0 || event.pointerType === "touch") return;
-      start = place(event);
-      pick = element("rect", { class: "pick", y: 0, height: chart.querySelector(".time").dataset.height });
+      if (event.button !== 0 || event.pointerType === "touch" || drag) return;
+      const pick = element("rect", { class: "pick", y: 0, height: chart.querySelector(".time").dataset.height });
       chart.append(pick);
-      chart.setPointerCapture(event.pointerId);
+      drag = { chart, pick, start: place(chart, event) };
       event.preventDefault();
     });
-    chart.addEventListener("pointermove", (event) => {
-      if (start === null) return;
-      const end = place(event), along = of(chart, "along");
-      pick.setAttribute("x", of(chart, "left") + Math.min(start, end) * along);
-      pick.setAttribute("width", Math.abs(end - start) * along);
-    });
-    const done = (event) => {
-      if (start === null) return;
-      const [a, b] = [start, place(event)].sort((a, b) => a - b), [from, to] = shown;
-      start = null;
-      pick.remove();
-      if (b - a > 0.004 && event.type === "pointerup") show(from + a * (to - from), from + b * (to - from));
-    };
-    chart.addEventListener("pointerup", done);
-    chart.addEventListener("pointercancel", done);
     chart.addEventListener("dblclick", () => show(...whole));
   }
+  addEventListener("pointermove", (event) => {
+    if (!drag) return;
+    const end = place(drag.chart, event), along = of(drag.chart, "along");
+    drag.pick.setAttribute("x", of(drag.chart, "left") + Math.min(drag.start, end) * along);
+    drag.pick.setAttribute("width", Math.abs(end - drag.start) * along);
+  });
+  addEventListener("pointerup", (event) => {
+    if (!drag) return;
+    const [a, b] = [drag.start, place(drag.chart, event)].sort((a, b) => a - b), [from, to] = shown;
+    drag.pick.remove();
+    drag = null;
+    if (b - a > 0.004) show(from + a * (to - from), from + b * (to - from));
+  });
+  addEventListener("pointercancel", () => {
+    drag?.pick.remove();
+    drag = null;
+  });
   all.addEventListener("click", () => show(...whole));
   document.addEventListener("keydown", (event) => event.key === "Escape" && show(...whole));
   show(...whole);
