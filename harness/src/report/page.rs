@@ -48,7 +48,7 @@ impl Page<'_> {
     }
 
     fn until(&self) -> f64 {
-        self.trace.until().as_secs_f64()
+        self.trace.end.as_ref().map_or(self.trace.settled, |end| end.at).as_secs_f64()
     }
 
     fn program(&self) -> &str {
