@@ -1,6 +1,7 @@
 //! The report: a page that agrees with what is told otherwise, stands alone, and shows its plots in a browser.
 
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
+#![allow(clippy::disallowed_methods, reason = "the wall clock is what one test is about")]
 
 mod common;
 
@@ -145,7 +146,7 @@ fn any_rig_has_a_report_and_names_do_not_break_it() {
     // Nothing has happened, and nobody has written down how it ended.
     let trace = Trace::new(Header::new(&RigFile::load("lathe").unwrap(), "lathe", 0, None));
     let html = Page { trace: &trace, summary: None, cut: None }.html().unwrap();
-    assert!(html.contains("not ended") && html.contains("a live session") && !html.contains("NaN"));
+    assert!(html.contains("not ended") && html.contains("a recording") && !html.contains("NaN"));
 }
 
 #[test]

@@ -15,6 +15,8 @@ const WIDTH: u32 = 1000;
 pub(super) const SIDES: (u32, u32) = (176, 14);
 /// The width along which the time goes.
 pub(super) const ALONG: u32 = WIDTH - SIDES.0 - SIDES.1;
+/// The room above the rows, for a label at the very end of an axis.
+const ABOVE: u32 = 6;
 /// The room of the time's axis.
 const TIME: u32 = 30;
 
@@ -61,7 +63,7 @@ impl Row {
 impl Chart {
     /// The elements of the chart.
     pub(super) fn svg(&self) -> String {
-        let height = self.rows.iter().map(|row| row.gap + row.height).sum::<u32>();
+        let height = ABOVE + self.rows.iter().map(|row| row.gap + row.height).sum::<u32>();
         let mut svg = String::new();
         let (id, title, all) = (escaped(&self.id), escaped(&self.title), height + TIME);
         let (from, to) = self.range;
@@ -73,7 +75,7 @@ impl Chart {
             SIDES.0,
         );
         self.write_time(&mut svg, height);
-        let mut y = 0;
+        let mut y = ABOVE;
         for row in &self.rows {
             y += row.gap;
             row.write(&mut svg, y);

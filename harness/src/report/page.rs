@@ -6,7 +6,7 @@ use super::chart::{ALONG, Chart, Row, SIDES};
 use super::drawing::escaped;
 use super::plot::{LINES, PlotError, Series, Style, strip};
 use super::series::{Course, Courses, Motion, decimated, lasting};
-use super::timeline::{Bus, Said};
+use super::timeline::{Bus, PC_HELD, Said};
 use super::{Cut, Shares, Stats, Summary};
 use crate::trace::Trace;
 
@@ -52,7 +52,7 @@ impl Page<'_> {
     }
 
     fn program(&self) -> &str {
-        self.trace.header.program.as_deref().unwrap_or("a live session")
+        self.trace.header.program.as_deref().unwrap_or("a recording")
     }
 
     fn write(&self, html: &mut String, motions: &[Motion], charts: &[String], bus: &Bus<'_>) -> fmt::Result {
@@ -144,7 +144,12 @@ impl Page<'_> {
             writeln!(html, "<div><dt>{name}</dt><dd class=\"{class}\">{}</dd>{more}</div>", escaped(value))
         };
         let outcome = self.trace.end.as_ref().map_or("not ended", |end| end.outcome.as_str());
-        card("outcome", if outcome == "completed" { "good" } else { "bad" }, outcome, "")?;
+        let class = match outcome {
+            "completed" | "passed" => "good",
+            "rejected" | "faulted" | "unanswered" | "failed" => "bad",
+            _ => "",
+        };
+        card("outcome", class, outcome, "")?;
         let speedup = self.summary.and_then(|summary| summary.speedup);
         let speedup = speedup.map_or_else(String::new, |speedup| format!("virtual, {speedup:.0} × real time"));
         card("time", "", &format!("{:.3} s", self.until()), &speedup)?;
@@ -152,7 +157,7 @@ impl Page<'_> {
             let more = format!("accepted of {}; {} held for a while", frames.total, frames.held);
             card("frames", "", &frames.accepted.to_string(), &more)?;
         }
-        if let Some(held) = bus.states.iter().find(|state| state.name == "PC held") {
+        if let Some(held) = bus.states.iter().find(|state| state.name == PC_HELD && !state.spans.is_empty()) {
             let (seconds, times) = (held.seconds(), held.spans.len());
             let times = format!("{seconds:.1} s in all, {times} times");
             card("the PC was held", "", &percent(seconds, self.until()), &times)?;

@@ -142,7 +142,9 @@ pub(super) fn strip(
     (left, right): (u32, u32),
 ) -> Result<Strip, PlotError> {
     let y = range(series.iter().flat_map(|series| &series.points).map(|(_, y)| *y), 0.06);
-    let y = (y.0, y.1 + 0.06 * (y.1 - y.0));
+    // Quantities are whole numbers: nothing stands between two of them.
+    let y = (y.0, (y.1 + 0.06 * (y.1 - y.0)).max(y.0 + 1.2));
+    let labels = (size.1 / 18).clamp(2, 7).min((y.1 - y.0).min(7.0).ceil() as u32);
     let axes = drawn(size, |area| {
         let mut chart = ChartBuilder::on(area)
             .y_label_area_size(left)
@@ -155,7 +157,7 @@ pub(super) fn strip(
             .disable_x_axis()
             .light_line_style(TRANSPARENT)
             .label_style(("sans-serif", 12).into_font())
-            .y_labels((size.1 / 18).clamp(2, 7) as usize)
+            .y_labels(labels as usize)
             .y_label_formatter(&|y| number(*y))
             .draw()
             .map_err(PlotError::of)

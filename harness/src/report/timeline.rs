@@ -21,6 +21,8 @@ use crate::trace::{Header, Trace};
 const MOST: u64 = 8_000;
 /// So many texts of a column are told.
 const TOLD: usize = 8;
+/// The name of the state in which `XOFF` holds the PC.
+pub(super) const PC_HELD: &str = "PC held";
 /// A silence of so many seconds ends what is shown close up; no more than so many are.
 const SILENCE: f64 = 0.010;
 const LONGEST: f64 = 0.050;
@@ -82,7 +84,7 @@ impl State {
 
     /// How long it was so, in seconds.
     pub(super) fn seconds(&self) -> f64 {
-        self.spans.iter().map(|(from, to)| to.since(*from).as_secs_f64()).sum()
+        self.spans.iter().fold(0.0, |sum, (from, to)| sum + to.since(*from).as_secs_f64())
     }
 }
 
@@ -362,7 +364,7 @@ fn states(trace: &Trace, courses: &Courses, until: Instant) -> Vec<State> {
             // What the PC's UART tells is whether it is held.
             let at = header.lines.iter().find(|line| line.from == pc).map_or(pc, |line| line.to);
             let course = courses.of(pc, usize::from(STOPPED));
-            states.splice(0..0, course.map(|course| State::new("PC held".to_owned(), ends(pc, at), course, until, 0)));
+            states.splice(0..0, course.map(|course| State::new(PC_HELD.to_owned(), ends(pc, at), course, until, 0)));
             continue;
         }
         for wait in &board.description.waits {
