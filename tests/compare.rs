@@ -63,6 +63,7 @@ fn stations(rig: &str, program: &str) -> (Vec<[i64; 2]>, Vec<i64>) {
         breakages: Vec::new(),
         waveforms: false,
         measure: false,
+        keep: None,
     };
     let mut facts = Vec::new();
     let run = play.run(|progress| facts.extend(progress.facts.iter().cloned()));

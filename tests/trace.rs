@@ -457,7 +457,7 @@ fn cuts_and_stimuli_are_repeated_with_the_same_digest() {
     let recorder = Recorder::begin(&path, Recorder::open(&path).unwrap(), &header).unwrap();
     let program = Program { frames: vec![SHORT, MEDIUM] };
     let (driver, pace) = (Driver::InProcess, Pace::Max);
-    let play = Play { file, program, driver, pace, breakages, waveforms: false, measure: false };
+    let play = Play { file, program, driver, pace, breakages, waveforms: false, measure: false, keep: None };
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     let finale = runtime.block_on(play.record(Some(recorder), |_| ())).unwrap();
     let output = on(0, &["replay", word(&path)]);

@@ -10,7 +10,7 @@ use crate::pace::{Brake, Pace};
 use crate::pc::{PcEvent, PcProgram, PcUart};
 use crate::rig::file::RigFile;
 use crate::rig::{Cost, Driver, Incident, Rig, RigError};
-use crate::trace::{End, Recorder, SessionError};
+use crate::trace::{End, Header, Recorder, SessionError, Trace};
 
 /// The PC starts to send so long after the rig has started, or later where characters are long: a decoder wants to see
 /// an idle line first.
@@ -35,6 +35,8 @@ pub struct Play {
     pub waveforms: bool,
     /// Whether to measure what wall time is spent on.
     pub measure: bool,
+    /// What heads the trace that is to be kept in memory, if one is.
+    pub keep: Option<Header>,
 }
 
 /// Something that breaks at an instant.
@@ -103,6 +105,8 @@ pub struct Finale {
     pub waveforms: Option<Waveforms>,
     /// The way that the tool went, if the rig turns a part.
     pub path: Option<ToolPath>,
+    /// Everything that happened, if it was to be kept.
+    pub trace: Option<Trace>,
 }
 
 /// How a board ended.
@@ -122,6 +126,7 @@ struct Stage {
     waveforms: Option<Waveforms>,
     path: Option<ToolPath>,
     recorder: Option<Recorder>,
+    trace: Option<Trace>,
     decoder: ReplyDecoder,
     conversation: Conversation,
     facts: Vec<Fact>,
@@ -165,6 +170,7 @@ impl Play {
         rig.stimulate(pc, start, Stimulus::Write(self.program.bytes()));
         let path = self.file.part.as_ref().map(ToolPath::new);
         let mut stage = Stage::new(rig, self.waveforms, path, recorder);
+        stage.trace = self.keep.map(Trace::new);
         let mut brake = Brake::new(self.pace).map_err(RigError::from)?;
         loop {
             let limit = if self.pace == Pace::Max { Limit::NONE } else { brake.limit() };
@@ -222,6 +228,7 @@ impl Stage {
             waveforms: waveforms.then(|| Waveforms::new(&rig)),
             path,
             recorder,
+            trace: None,
             rig,
             decoder: ReplyDecoder::default(),
             conversation: Conversation::default(),
@@ -242,6 +249,10 @@ impl Stage {
         let (inputs, facts) = (self.rig.take_inputs(), self.rig.take_facts());
         if let Some(recorder) = &mut self.recorder {
             recorder.note(&inputs, &facts, self.rig.engine().frontier())?;
+        }
+        if let Some(trace) = &mut self.trace {
+            trace.inputs.extend_from_slice(&inputs);
+            trace.facts.extend_from_slice(&facts);
         }
         for fact in &facts {
             log::log(&self.rig, fact);
@@ -295,9 +306,12 @@ impl Stage {
     fn finish(mut self, frames: usize, end: Instant) -> Result<Finale, SessionError> {
         let outcome = self.conversation.outcome(frames);
         let digest = self.digest.sum();
+        let last = End { digest: digest.to_string(), at: end, outcome: outcome.name().to_owned() };
         if let Some(recorder) = &mut self.recorder {
-            let end = End { digest: digest.to_string(), at: end, outcome: outcome.name().to_owned() };
-            recorder.finish(&end)?;
+            recorder.finish(&last)?;
+        }
+        if let Some(trace) = &mut self.trace {
+            (trace.settled, trace.end) = (end.next(), Some(last));
         }
         let board = |(id, node): (NodeId, &crate::rig::Node)| BoardFinale {
             name: node.name.clone(),
@@ -314,6 +328,7 @@ impl Stage {
             measured: self.rig.measured(),
             waveforms: self.waveforms,
             path: self.path,
+            trace: self.trace,
             conversation: self.conversation,
         })
     }

@@ -49,7 +49,16 @@ pub fn demonstration() -> Program {
 pub fn play(frames: &[[u8; 8]], breakages: Vec<Breakage>) -> Finale {
     let file = RigFile::load("lathe").unwrap();
     let program = Program { frames: frames.to_vec() };
-    let play = Play { file, program, driver: processes(), pace: Pace::Max, breakages, waveforms: true, measure: false };
+    let play = Play {
+        file,
+        program,
+        driver: processes(),
+        pace: Pace::Max,
+        breakages,
+        waveforms: true,
+        measure: false,
+        keep: None,
+    };
     block_on(play.run(|_| ())).unwrap()
 }
 

@@ -60,6 +60,7 @@ impl Candidate {
             breakages: Vec::new(),
             waveforms: false,
             measure: false,
+            keep: None,
         };
         let finale = play.run(|progress| ledger.add(progress.facts)).await?;
         Ok(Side {

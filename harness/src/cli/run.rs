@@ -7,14 +7,12 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use anyhow::Context;
-use torno::observe::{ToolPath, Turned, log};
+use torno::observe::{ToolPath, log};
 use torno::pace::Pace;
 use torno::play::{Finale, Play};
-use torno::report::drawing::Drawing;
-use torno::report::{Bar, BoardSummary, Frames, PartSummary, Stats, Summary, failures};
-use torno::rig::part::Part;
+use torno::report::page::Page;
+use torno::report::{Bar, BoardSummary, Cut, Frames, Stats, Summary, failures};
 use torno::trace::Header;
-use torno_part::Profile;
 use torno_protocol::lathe::Outcome;
 
 use super::{
@@ -45,6 +43,9 @@ pub(super) struct Arguments {
     /// Draws the part that was turned: bar, asked and got, to scale (SVG)
     #[arg(long, value_name = "FILE")]
     part: Option<PathBuf>,
+    /// Writes a page to look at: motion, the bus, the part, the figures (HTML, one file)
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
     /// Also tells what limits the rig: turns, bytes, and where the time goes
     #[arg(long)]
     stats: bool,
@@ -70,16 +71,18 @@ impl Arguments {
         // Before anything runs: a file that cannot be written must not cost a run.
         let vcd = self.vcd.as_deref().map(create).transpose()?;
         let drawing = self.part.as_deref().map(create).transpose()?;
+        let report = self.report.as_deref().map(create).transpose()?;
         let asked = file.part.as_ref().map(|part| (part.clone(), part.asked(&program)));
         let header = Header::new(&file, &rig, self.seed, Some(&program_name));
+        let keep = report.is_some().then(|| header.clone());
         let recorder = self.record.as_deref().map(|path| start_recording(path, &header)).transpose()?;
         let frames = program.frames.len();
         let tail = file.margin();
         let rig = file.name.clone();
         let waveforms = vcd.is_some();
         let driver = driver(self.in_process)?;
-        let play =
-            Play { file, program, driver, pace: self.pace, breakages: Vec::new(), waveforms, measure: self.stats };
+        let (pace, measure, breakages) = (self.pace, self.stats, Vec::new());
+        let play = Play { file, program, driver, pace, breakages, waveforms, measure, keep };
 
         let mut interrupt = Interrupt::listen()?;
         let bar = Bar::new(frames, started);
@@ -93,38 +96,23 @@ impl Arguments {
             waveforms.write(file, finale.end, tail).with_context(|| format!("cannot write '{}'", path.display()))?;
         }
         let part = asked.zip(finale.path.take().map(ToolPath::cut));
-        let part = part.map(|((part, asked), turned)| Cut {
-            summary: PartSummary::new(&part, &turned, &asked),
-            part,
-            asked,
-            turned,
-        });
-        if let (Some((path, mut file)), Some(cut)) = (drawing, &part) {
+        let cut = part.map(|((part, asked), turned)| Cut::new(part, asked, turned));
+        if let (Some((path, mut file)), Some(cut)) = (drawing, &cut) {
             let svg = cut.draw(&rig, &program_name);
             let written = file.write_all(svg.as_bytes()).and_then(|()| file.flush());
             written.with_context(|| format!("cannot write '{}'", path.display()))?;
         }
         let completed = finale.outcome == Outcome::Completed;
-        let part = part.map(|cut| cut.summary);
+        let (part, trace) = (cut.as_ref().map(|cut| cut.summary.clone()), finale.trace.take());
         let summary = Summary { part, ..summary(finale, rig, program_name, frames, self.seed, started) };
+        if let (Some((path, mut file)), Some(trace)) = (report, trace) {
+            let html = Page { trace: &trace, summary: Some(&summary), cut: cut.as_ref() }.html()?;
+            let written = file.write_all(html.as_bytes()).and_then(|()| file.flush());
+            written.with_context(|| format!("cannot write '{}'", path.display()))?;
+        }
         let text = if self.json { serde_json::to_string(&summary)? + "\n" } else { summary.text(colour()) };
         print(&text)?;
         Ok(if completed { ExitCode::SUCCESS } else { ExitCode::from(FAILED) })
-    }
-}
-
-/// The part that a run has turned.
-struct Cut {
-    part: Part,
-    asked: Profile,
-    turned: Turned,
-    summary: PartSummary,
-}
-
-impl Cut {
-    fn draw(&self, rig: &str, program: &str) -> String {
-        let Self { part, asked, turned, summary } = self;
-        Drawing { rig, program, part, turned, asked, summary }.svg()
     }
 }
 

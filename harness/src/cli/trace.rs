@@ -7,6 +7,8 @@ use std::process::ExitCode;
 
 use anyhow::Context;
 use torno::observe::Waveforms;
+use torno::report::Cut;
+use torno::report::page::Page;
 use torno::rig::file::RigFile;
 use torno::trace::Trace;
 use torno::trace::analyser::rows;
@@ -33,6 +35,10 @@ pub(super) struct Arguments {
     /// Writes every line of the rig as a one-bit signal, in nanoseconds; prints nothing
     #[arg(long, value_name = "FILE", conflicts_with_all = ["csv", "json", "from", "to", "line", "board", "kind"])]
     vcd: Option<PathBuf>,
+    /// Writes a page to look at: motion, the bus, the part, the figures (HTML, one file); prints nothing
+    #[arg(long, value_name = "FILE",
+          conflicts_with_all = ["vcd", "csv", "json", "from", "to", "line", "board", "kind"])]
+    report: Option<PathBuf>,
     /// Prints telemetry as comma-separated values, one row a change
     #[arg(long, conflicts_with_all = ["json", "kind", "line"])]
     csv: bool,
@@ -66,6 +72,9 @@ impl Arguments {
         let (trace, damage) = load_trace(&self.file)?;
         if let Some(path) = &self.vcd {
             write_waveforms(&trace, path).with_context(|| format!("cannot write '{}'", path.display()))?;
+        } else if let Some(path) = &self.report {
+            let page = Page { trace: &trace, summary: None, cut: Cut::of(&trace).as_ref() }.html()?;
+            std::fs::write(path, page).with_context(|| format!("cannot write '{}'", path.display()))?;
         } else {
             let (kinds, csv) = if self.csv { (vec!["telemetry".to_owned()], true) } else { (self.shown.kind, false) };
             let from = self.from.unwrap_or(Instant::START);

@@ -43,19 +43,21 @@ const TITLE: (f64, f64) = (120.0, 36.0);
 /// A drawn outline is so near to the true one, in mm of paper.
 const FINE: f64 = 0.01;
 
+/// What it looks like; the sheet can be a part of a page with a style of its own.
 const STYLE: &str = "
-text { font-family: Helvetica, Arial, 'Liberation Sans', sans-serif; font-size: 3.2px; fill: #111; }
-.small { font-size: 2.6px; } .large { font-size: 5px; font-weight: bold; } .grey { fill: #555; }
-line, path, rect, polyline { fill: none; stroke: #111; stroke-width: 0.18; }
-.frame, .got { stroke-width: 0.5; stroke-linejoin: round; } .edge { stroke-width: 0.35; }
-.asked { stroke: #0057b8; stroke-width: 0.25; stroke-dasharray: 2 0.8; }
-.stock { stroke: #777; stroke-width: 0.25; stroke-dasharray: 6 1 0.6 1 0.6 1; }
-.axis { stroke-width: 0.18; stroke-dasharray: 8 1 1 1; }
-.grid { stroke: #ccc; } .dimension { stroke: #333; } .arrow { fill: #333; stroke: none; }
-.thick { fill: #f2a3a0; stroke: none; } .thin { fill: #9cc3ef; stroke: none; } .paper { fill: #fff; stroke: #fff; }
-.hatched { fill: url(#hatch); stroke: none; } .jaw { fill: #e4e4e4; stroke: #555; stroke-width: 0.3; }
-.worst { fill: #b00020; } .leader { stroke: #b00020; } .wrong { fill: #b00020; stroke: none; }
-.halo { paint-order: stroke; stroke: #fff; stroke-width: 0.8px; stroke-linejoin: round; }
+.sheet text { font-family: Helvetica, Arial, 'Liberation Sans', sans-serif; font-size: 3.2px; fill: #111; }
+.sheet .small { font-size: 2.6px; } .sheet .large { font-size: 5px; font-weight: bold; } .sheet .grey { fill: #555; }
+.sheet line, .sheet path, .sheet rect, .sheet polyline { fill: none; stroke: #111; stroke-width: 0.18; }
+.sheet .frame, .sheet .got { stroke-width: 0.5; stroke-linejoin: round; } .sheet .edge { stroke-width: 0.35; }
+.sheet .asked { stroke: #0057b8; stroke-width: 0.25; stroke-dasharray: 2 0.8; }
+.sheet .stock { stroke: #777; stroke-width: 0.25; stroke-dasharray: 6 1 0.6 1 0.6 1; }
+.sheet .axis { stroke-width: 0.18; stroke-dasharray: 8 1 1 1; }
+.sheet .grid { stroke: #ccc; } .sheet .dimension { stroke: #333; } .sheet .arrow { fill: #333; stroke: none; }
+.sheet .thick { fill: #f2a3a0; stroke: none; } .sheet .thin { fill: #9cc3ef; stroke: none; }
+.sheet .paper { fill: #fff; stroke: #fff; } .sheet .hatched { fill: url(#hatch); stroke: none; }
+.sheet .jaw { fill: #e4e4e4; stroke: #555; stroke-width: 0.3; }
+.sheet .worst { fill: #b00020; } .sheet .leader { stroke: #b00020; } .sheet .wrong { fill: #b00020; stroke: none; }
+.sheet .halo { paint-order: stroke; stroke: #fff; stroke-width: 0.8px; stroke-linejoin: round; }
 ";
 
 /// What is drawn.
@@ -373,7 +375,7 @@ impl Sheet {
     fn begin(&mut self, title: &str) {
         let (width, height) = SHEET;
         self.put(format_args!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}mm\" height=\"{height}mm\" \
+            "<svg class=\"sheet\" xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}mm\" height=\"{height}mm\" \
              viewBox=\"0 0 {width} {height}\">"
         ));
         self.put(format_args!("<title>{}</title>", escaped(title)));
@@ -475,7 +477,8 @@ impl Sheet {
     }
 }
 
-fn escaped(text: &str) -> String {
+/// Text that comes from a file, as XML has it.
+pub(super) fn escaped(text: &str) -> String {
     let legal = |c: &char| !c.is_control();
     let escape = |c: char| match c {
         '&' => "&amp;".to_owned(),

@@ -1,15 +1,21 @@
 //! What a person, or a program, is told at the end of a run and on the way.
 
+mod chart;
 mod comparison;
+mod cut;
 pub mod drawing;
+pub mod page;
 mod part;
 pub mod plot;
 mod progress;
+pub mod series;
 mod stats;
 mod summary;
 mod tested;
+mod timeline;
 
 pub use comparison::{Comparison, Side};
+pub use cut::Cut;
 pub use part::{EventSummary, Measure, PartSummary, Worst};
 pub use progress::Bar;
 pub use stats::{BytesPerTurn, Shares, Stats};

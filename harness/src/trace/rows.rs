@@ -167,7 +167,8 @@ enum Content {
 }
 
 impl Row {
-    fn kind(&self) -> Kind {
+    /// What kind of row it is.
+    pub fn kind(&self) -> Kind {
         match self.content {
             Content::Edge(_) => Kind::Edges,
             Content::Character(_) => Kind::Characters,
@@ -229,7 +230,7 @@ impl Row {
     }
 
     /// Whether something is wrong on a line.
-    fn is_flaw(&self) -> bool {
+    pub fn is_flaw(&self) -> bool {
         match &self.content {
             Content::Character(character) => character.ok().is_none(),
             Content::Message { flaw, .. } => *flaw,

@@ -1,0 +1,53 @@
+//! The part that came of a run, beside the one that was asked for.
+
+use torno_part::Profile;
+use torno_protocol::board::Stimulus;
+use torno_protocol::lathe::Program;
+
+use super::PartSummary;
+use super::drawing::Drawing;
+use crate::observe::{ToolPath, Turned};
+use crate::rig::What;
+use crate::rig::file::RigFile;
+use crate::rig::part::Part;
+use crate::trace::Trace;
+
+/// The part that a run has turned.
+#[derive(Clone, Debug)]
+pub struct Cut {
+    part: Part,
+    asked: Profile,
+    turned: Turned,
+    /// What is told of it.
+    pub summary: PartSummary,
+}
+
+impl Cut {
+    /// What came of a bar, and what was asked for.
+    pub fn new(part: Part, asked: Profile, turned: Turned) -> Self {
+        Self { summary: PartSummary::new(&part, &turned, &asked), part, asked, turned }
+    }
+
+    /// The same from a trace; None, if its rig turns no part, or nobody knows what was asked for: it is known of a
+    /// program that was played.
+    pub fn of(trace: &Trace) -> Option<Self> {
+        trace.header.program.as_ref()?;
+        let part = RigFile::parse(&trace.header.rig, &trace.header.text).ok()?.part?;
+        let pc = trace.header.boards.len().checked_sub(1)?;
+        let written = trace.inputs.iter().filter_map(|input| match &input.what {
+            What::Stimulus { board, stimulus: Stimulus::Write(bytes) } if *board == pc => Some(bytes),
+            _ => None,
+        });
+        let bytes: Vec<u8> = written.flatten().copied().collect();
+        let asked = part.asked(&Program { frames: bytes.as_chunks().0.to_vec() });
+        let mut path = ToolPath::new(&part);
+        trace.facts.iter().for_each(|fact| path.add(fact));
+        Some(Self::new(part, asked, path.cut()))
+    }
+
+    /// The drawing of it, as the text of an SVG file.
+    pub fn draw(&self, rig: &str, program: &str) -> String {
+        let Self { part, asked, turned, summary } = self;
+        Drawing { rig, program, part, turned, asked, summary }.svg()
+    }
+}
