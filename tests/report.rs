@@ -184,7 +184,8 @@ const DRAG: &str = "<script>{
   const chart = document.getElementById(\"chart-spindle-speed\"), box = chart.getBoundingClientRect();
   const send = (to, type, share) => to.dispatchEvent(new PointerEvent(type,
     { clientX: box.left + share * box.width, clientY: box.top + 9, bubbles: true, pointerType: \"mouse\" }));
-  const lines = [...document.querySelectorAll(\"svg.chart .data polyline\")].map((line) => line.getBoundingClientRect());
+  const found = [...document.querySelectorAll(\"svg.chart .data polyline\")];
+  const lines = found.map((line) => line.getBoundingClientRect());
   document.documentElement.dataset.visible = lines.filter((line) => line.width > 300 && line.height > 0).length;
   document.documentElement.dataset.lines = lines.length;
   send(chart, \"pointerdown\", 0.4); send(window, \"pointermove\", 0.5); send(window, \"pointerup\", 0.5);

@@ -357,7 +357,8 @@ impl Page<'_> {
 fn write_stats(html: &mut String, stats: &Stats) -> fmt::Result {
     html.write_str(
         "<div><h3>What it cost</h3><table id=\"cost\"><thead><tr><th></th><th class=\"n\">turns</th>\
-         <th class=\"n\">a virtual s</th><th class=\"n\">redone</th><th class=\"n\">waited for</th></tr></thead><tbody>\n",
+         <th class=\"n\">a virtual s</th><th class=\"n\">redone</th><th class=\"n\">waited for</th></tr></thead>\
+         <tbody>\n",
     )?;
     let boards = stats.boards.iter().map(|(name, shares)| (name.as_str(), shares));
     for (name, shares) in boards.chain([("all boards", &stats.all), ("pc", &stats.pc)]) {

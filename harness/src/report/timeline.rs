@@ -201,8 +201,8 @@ impl<'a> Bus<'a> {
     /// A mark for each thing, or for all of a kind that one column would show in one place.
     fn marks(&self, said: &[&Said], columns: u64) -> String {
         let mut svg = String::new();
-        let column =
-            |at: Instant| u128::from(at.as_nanos()) * u128::from(columns) / self.until.as_nanos().max(1) as u128;
+        let until = u128::from(self.until.as_nanos().max(1));
+        let column = |at: Instant| u128::from(at.as_nanos()) * u128::from(columns) / until;
         for chunk in said.chunk_by(|a, b| column(a.at) == column(b.at) && a.class() == b.class()) {
             let class = chunk[0].class();
             let mut title = String::new();
@@ -243,9 +243,9 @@ impl<'a> Bus<'a> {
         Row { label: state.name.clone(), height: 12, gap: 5, data, size: LINES, ..Row::default() }
     }
 
-    /// From where to where something is shown close up, in seconds: what the PC said first, and what came of it at once.
+    /// From where to where it is shown close up, in seconds: what the PC said first, and what came of it at once.
     fn first_burst(&self) -> Option<(f64, f64)> {
-        let pc = self.header.boards.len() - 1;
+        let pc = self.header.boards.len().saturating_sub(1);
         let first = self.characters.iter().position(|said| self.header.lines[said.line].from == pc)?;
         let begin = self.characters[first].at.as_secs_f64() - self.character_s(self.characters[first].line);
         let mut end = self.characters[first].at.as_secs_f64();
