@@ -72,7 +72,12 @@ fn a_broken_rig_file_is_refused_with_file_line_and_what_was_expected() {
         ("name = \"lathe\"", "name = lathe", line_of("name"), "expected"),
         ("name = \"lathe\"", "", 1, "missing field `name`"),
         ("name = \"lathe\"", "name = \"a/b\"", line_of("name"), "expected a name of 1 to 32"),
-        ("dialect = \"lathe\"", "dialect = \"mill\"", line_of("dialect"), "unknown dialect 'mill': expected lathe"),
+        (
+            "dialect = \"lathe\"",
+            "dialect = \"mill\"",
+            line_of("dialect"),
+            "unknown dialect 'mill': expected one of lathe",
+        ),
         ("baud = 9600", "baud = \"9600\"", line_of("baud"), "invalid type: string \"9600\", expected u32"),
         ("baud = 9600", "baud = 0", line_of("baud"), "baud = 0: expected 50 to 4000000"),
         ("baud = 9600", "baud = 5000000", line_of("baud"), "baud = 5000000: expected 50 to 4000000"),

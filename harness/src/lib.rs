@@ -8,6 +8,7 @@
 mod channel;
 pub mod condition;
 pub mod control;
+pub mod dialect;
 pub mod engine;
 pub mod fault;
 pub mod identify;

@@ -12,7 +12,7 @@ use torno::pace::Pace;
 use torno::play::{Finale, Play};
 use torno::report::{Bar, BoardSummary, Frames, Stats, Summary, failures};
 use torno::trace::Header;
-use torno_protocol::lathe::Outcome;
+use torno_protocol::lathe::{Outcome, Program};
 
 use super::{
     FAILED, INTERRUPTED, Interrupt, colour, driver, load_program, load_rig, print, rig_and_program, start_recording,
@@ -55,6 +55,15 @@ impl Arguments {
         log::init("warn");
         let (rig, program) = rig_and_program(self.rig, self.program);
         let file = load_rig(&rig, &self.set)?;
+        if file.dialect.name() != Program::DIALECT {
+            anyhow::bail!(
+                "'torno run' plays frames of the {}, and the rig '{}' speaks {}: use '{}'",
+                Program::DIALECT,
+                file.name,
+                file.dialect.name(),
+                file.dialect.player()
+            );
+        }
         let (program_name, program) = load_program(program.as_deref())?;
         // Before anything runs: a file that cannot be written must not cost a run.
         let vcd = self.vcd.as_deref().map(create).transpose()?;

@@ -4,7 +4,6 @@ use std::path::Path;
 
 use serde::Deserialize;
 use toml::Spanned;
-use torno_protocol::lathe::Program;
 use torno_protocol::time::Span;
 
 use super::{Action, PATIENCE, Scenario, Step};
@@ -180,11 +179,10 @@ impl RawStep {
         place: std::ops::Range<usize>,
     ) -> Result<Action, Complaint> {
         let mut actions = Vec::new();
-        if let Some(frames) = &self.send {
+        if let Some(texts) = &self.send {
             let mut bytes = Vec::new();
-            for frame in frames {
-                let program = Program::parse(frame.get_ref()).map_err(|error| (frame.span(), error.to_string()))?;
-                bytes.extend(program.bytes());
+            for text in texts {
+                bytes.extend(names.dialect.bytes(text.get_ref()).map_err(|error| (text.span(), error))?);
             }
             actions.push(Action::Send(bytes));
         }
