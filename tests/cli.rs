@@ -76,7 +76,7 @@ fn a_broken_rig_file_is_refused_with_file_line_and_what_was_expected() {
             "dialect = \"lathe\"",
             "dialect = \"mill\"",
             line_of("dialect"),
-            "unknown dialect 'mill': expected one of lathe",
+            "unknown dialect 'mill': expected one of lathe, servo",
         ),
         ("baud = 9600", "baud = \"9600\"", line_of("baud"), "invalid type: string \"9600\", expected u32"),
         ("baud = 9600", "baud = 0", line_of("baud"), "baud = 0: expected 50 to 4000000"),

@@ -1,4 +1,5 @@
-//! The lathe's three slave boards: plants, encoders, control laws, and the boards made of them, as pure state machines.
+//! The boards that drive motors: plants, encoders, control laws, and the boards made of them, as pure state machines.
+//! The lathe's three slaves, and the [`Servo`] stand's controller, which is made of the same parts.
 //!
 //! Source: Peña & Martínez, "Sistema electrónico de control de un torno CNC didáctico" (2009). What the paper leaves
 //! open is marked "(Ours.)".
@@ -16,16 +17,19 @@ mod encoder;
 mod link;
 mod plant;
 mod schedule;
+mod servo;
 mod settings;
 mod slave;
 mod spindle;
 mod transverse;
 
 pub use depth::Depth;
+pub use servo::Servo;
 pub use settings::{
-    DepthController, DepthDrive, DepthEncoder, DepthPlant, DepthSettings, Eq12, LeadForm, PositionForm, PositionModel,
-    SetPoint, SpindleController, SpindleDrive, SpindleEncoder, SpindlePlant, SpindleSettings, TransverseController,
-    TransverseDrive, TransverseEncoder, TransversePlant, TransverseSettings,
+    DepthController, DepthDrive, DepthEncoder, DepthPlant, DepthSettings, Eq12, KvOn, LeadForm, PositionForm,
+    PositionModel, ServoController, ServoDrive, ServoEncoder, ServoPlant, ServoSettings, SetPoint, SpindleController,
+    SpindleDrive, SpindleEncoder, SpindlePlant, SpindleSettings, TransverseController, TransverseDrive,
+    TransverseEncoder, TransversePlant, TransverseSettings,
 };
 pub use spindle::Spindle;
 pub use transverse::Transverse;

@@ -30,6 +30,10 @@ impl Dialect for Lathe {
         BAUD
     }
 
+    fn holds_the_pc(&self) -> bool {
+        true
+    }
+
     fn replies(&self) -> &'static [&'static str] {
         &["ACK", "XOFF", "XON", "NAK", "CAN"]
     }
@@ -59,15 +63,15 @@ struct Cable {
 }
 
 impl Listener for Cable {
-    fn sent(&mut self, byte: u8) -> Option<String> {
+    fn sent(&mut self, _: Instant, byte: u8) -> Vec<String> {
         self.sending.push(byte);
-        let frame = <[u8; 8]>::try_from(self.sending.as_slice()).ok()?;
+        let Ok(frame) = <[u8; 8]>::try_from(self.sending.as_slice()) else { return Vec::new() };
         self.sending.clear();
         let meaning = Frame::parse(frame).map_or_else(|refusal| refusal.to_string(), |_| "a frame".to_owned());
-        Some(format!("{} ({meaning})", hex(&frame)))
+        vec![format!("{} ({meaning})", hex(&frame))]
     }
 
-    fn received(&mut self, byte: u8) -> Vec<super::Reply> {
+    fn received(&mut self, _: Instant, byte: u8) -> Vec<super::Reply> {
         let reply = |reply: Reply| super::Reply { code: reply.code(), text: reply.to_string() };
         self.replies.push(byte).into_iter().map(reply).collect()
     }

@@ -4,6 +4,7 @@
 //! by the [`Dialect`] that the rig file names.
 
 mod lathe;
+mod servo;
 
 use std::fmt::Debug;
 
@@ -15,7 +16,7 @@ use crate::trace::Header;
 use crate::trace::decode::Heard;
 
 /// The dialects that there are.
-const ALL: [&dyn Dialect; 1] = [&lathe::Lathe];
+const ALL: [&dyn Dialect; 2] = [&lathe::Lathe, &servo::Servo];
 
 /// What is said on the lines of a machine.
 pub trait Dialect: Debug + Sync {
@@ -24,6 +25,9 @@ pub trait Dialect: Debug + Sync {
 
     /// The speed of the lines between its boards, in baud.
     fn baud(&self) -> u32;
+
+    /// Whether the controller holds a PC with `XON` and `XOFF`; if not, they are bytes like others.
+    fn holds_the_pc(&self) -> bool;
 
     /// The first words of the replies that the PC can hear.
     fn replies(&self) -> &'static [&'static str];
@@ -47,10 +51,10 @@ pub trait Dialect: Debug + Sync {
 /// Listens at the PC's side of the cable.
 pub trait Listener: Debug + Send {
     /// The PC has sent a byte; gives what is complete with it, for people.
-    fn sent(&mut self, byte: u8) -> Option<String>;
+    fn sent(&mut self, at: Instant, byte: u8) -> Vec<String>;
 
     /// The PC has received a byte; gives the replies that are complete with it.
-    fn received(&mut self, byte: u8) -> Vec<Reply>;
+    fn received(&mut self, at: Instant, byte: u8) -> Vec<Reply>;
 }
 
 /// Makes messages of the characters on all lines of a rig.

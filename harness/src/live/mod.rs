@@ -277,7 +277,7 @@ impl Live {
                 && *node == self.rig.pc()
             {
                 match PcEvent::from_numbers(*event, *value) {
-                    Some(PcEvent::Sent(byte)) => drop(self.replies.send(byte)),
+                    Some(PcEvent::Sent(byte)) => drop(self.replies.send(*at, byte)),
                     Some(PcEvent::Received(byte)) => drop(self.replies.hear(*at, byte)),
                     Some(PcEvent::Garbled(_)) | None => {}
                 }

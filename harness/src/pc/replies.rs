@@ -18,13 +18,13 @@ impl Replies {
     }
 
     /// Takes a byte that the PC has sent: what it hears can depend on it. Gives what is complete with it, for people.
-    pub fn send(&mut self, byte: u8) -> Option<String> {
-        self.listener.sent(byte)
+    pub fn send(&mut self, at: Instant, byte: u8) -> Vec<String> {
+        self.listener.sent(at, byte)
     }
 
     /// Takes a byte that the PC has received; gives the replies that are complete with it.
     pub fn hear(&mut self, at: Instant, byte: u8) -> Vec<Reply> {
-        let replies = self.listener.received(byte);
+        let replies = self.listener.received(at, byte);
         self.heard.extend(replies.iter().map(|reply| (at, reply.code.clone())));
         replies
     }

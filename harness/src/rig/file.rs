@@ -16,7 +16,8 @@ use crate::dialect::{self, Dialect};
 use crate::text::{self, Complaint, Invalid, TextError};
 
 /// The rigs that are built in: name and text.
-const BUILT_IN: [(&str, &str); 1] = [("lathe", include_str!("../../builtin/lathe.toml"))];
+const BUILT_IN: [(&str, &str); 2] =
+    [("lathe", include_str!("../../builtin/lathe.toml")), ("servo", include_str!("../../builtin/servo.toml"))];
 
 /// The rig that is meant where none is named.
 pub const DEFAULT: &str = "lathe";

@@ -288,7 +288,7 @@ impl<'a> Conductor<'a> {
     fn note_pc(&mut self, at: Instant, event: Option<PcEvent>) {
         match event {
             Some(PcEvent::Sent(byte)) => {
-                if let Some(text) = self.replies.send(byte) {
+                for text in self.replies.send(at, byte) {
                     self.note(at, &format!("pc sends {text}"));
                 }
             }

@@ -45,8 +45,7 @@ struct RawScenario {
     set: Vec<Spanned<String>>,
     #[serde(default)]
     seed: u64,
-    #[serde(default = "yes")]
-    held: bool,
+    held: Option<bool>,
     end: Option<Spanned<String>>,
     #[serde(default)]
     step: Vec<Spanned<RawStep>>,
@@ -58,10 +57,6 @@ struct RawScenario {
 
 fn default_rig() -> String {
     crate::rig::file::DEFAULT.to_owned()
-}
-
-const fn yes() -> bool {
-    true
 }
 
 #[derive(Deserialize)]
@@ -157,7 +152,7 @@ impl Scenario {
             file,
             seed,
             drawn: dice.into_drawn(),
-            held: raw.held,
+            held: raw.held.unwrap_or(names.dialect.holds_the_pc()),
             steps,
             faults,
             finally: claims(&raw.expect.finally)?,

@@ -27,6 +27,8 @@
 //! but `S`; what else comes is taken apart, so that no value in it is taken for an `S`, and dropped. The last byte of a
 //! run is that of its last increment. Who wants to see the axis settle ends the program with a rest (`x0 t1`).
 //!
+//! Telemetry has every value that a byte can have, `XON` and `XOFF` among them: a PC must not let itself be held by them.
+//!
 //! # What goes wrong on the line
 //!
 //! - **The line falls silent in mid-command** for more than [`GAP`]: what has come of it is dropped. A download that is

@@ -13,12 +13,14 @@ use torno_protocol::board::{Board, Description};
 use torno_protocol::clock::Clock;
 use torno_protocol::record::{Batch, Turn};
 use torno_protocol::stepping::{BrokenPromise, Stepper};
-use torno_slaves::{Depth, DepthSettings, Spindle, SpindleSettings, Transverse, TransverseSettings};
+use torno_slaves::{
+    Depth, DepthSettings, Servo, ServoSettings, Spindle, SpindleSettings, Transverse, TransverseSettings,
+};
 
 use crate::text::{Complaint, of_toml};
 
 /// The kinds of boards that there are.
-pub const NAMES: [&str; 4] = ["master", "spindle", "transverse", "depth"];
+pub const NAMES: [&str; 5] = ["master", "spindle", "transverse", "depth", "servo"];
 
 /// A board of any kind with its stepper.
 pub trait Steps: Send {
@@ -82,6 +84,7 @@ pub fn build_parsed(kind: &str, settings: &Spanned<DeValue<'_>>, clock: Clock) -
         Settings::Spindle(s) => boxed(Spindle::new(&s, clock)),
         Settings::Transverse(s) => boxed(Transverse::new(&s, clock)),
         Settings::Depth(s) => boxed(Depth::new(&s, clock)),
+        Settings::Servo(s) => boxed(Servo::new(&s, clock)),
     })
 }
 
@@ -100,6 +103,7 @@ pub(super) enum Settings {
     Spindle(SpindleSettings),
     Transverse(TransverseSettings),
     Depth(DepthSettings),
+    Servo(ServoSettings),
 }
 
 fn parsed(kind: &str, settings: &Spanned<DeValue<'_>>) -> Result<Settings, KindError> {
@@ -108,6 +112,7 @@ fn parsed(kind: &str, settings: &Spanned<DeValue<'_>>) -> Result<Settings, KindE
         "spindle" => read(settings, SpindleSettings::check).map(Settings::Spindle),
         "transverse" => read(settings, TransverseSettings::check).map(Settings::Transverse),
         "depth" => read(settings, DepthSettings::check).map(Settings::Depth),
+        "servo" => read(settings, ServoSettings::check).map(Settings::Servo),
         _ => return Err(KindError::Unknown { kind: kind.to_owned() }),
     }
     .map_err(|complaint| wrong(kind, complaint))
