@@ -24,6 +24,7 @@ pub mod rig;
 pub mod scenario;
 pub mod seat;
 pub mod send;
+pub mod servo;
 pub mod sweep;
 pub mod text;
 pub mod trace;

@@ -191,7 +191,7 @@ impl Compiler<'_> {
                 return None;
             }
             Element::Accelerated { p, k, .. } if p == 0.0 && k == 0.0 => Some(('k', Problem::NoSpeed)),
-            Element::Accelerated { x, .. } if x == 0.0 => Some(('x', Problem::NoWay)),
+            Element::Accelerated { x: 0.0, .. } => Some(('x', Problem::NoWay)),
             Element::Accelerated { p, k, x } if (p + k) * x < 0.0 => Some(('x', Problem::WrongSense)),
             _ => None,
         };

@@ -20,10 +20,12 @@
 //! Pure: no I/O. [`compile`] tells everything that is wrong at once.
 
 mod compile;
+mod error;
 mod message;
 mod motion;
 
 pub use compile::{Compiled, Limits, compile};
+pub use error::Unwrapped;
 pub use message::{Finding, Language, Problem, Severity};
 pub use motion::{Element, Motion, Program};
 

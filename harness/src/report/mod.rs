@@ -6,7 +6,7 @@ mod stats;
 mod summary;
 mod tested;
 
-pub use progress::Bar;
+pub use progress::{Bar, Status};
 pub use stats::{BytesPerTurn, Shares, Stats};
 pub use summary::{BoardSummary, Frames, Summary, failures};
 pub use tested::{TestReport, Tested};
