@@ -1,13 +1,13 @@
 //! The servo stand's board: an SAB80C535 that follows a program of increments with a position loop, and tells the PC of
 //! the following error.
 //!
-//! Lab sheet "Napęd pozycjonujący liniowy z silnikiem prądu stałego" (Wrocław, exercise 2a). What the sheet leaves open is
-//! marked "(Ours.)"; what is said on the line, and what goes wrong on it, is told in [`torno_protocol::servo`].
+//! Lab sheet "Napęd pozycjonujący liniowy z silnikiem prądu stałego" (Wrocław, exercise 2a). What the sheet leaves open
+//! is marked "(Ours.)"; what is said on the line, and what goes wrong on it, is told in [`torno_protocol::servo`].
 //!
 //! # The loop
 //!
-//! Every 5 ms: the set point takes an increment dx, e is the set point less the count, and the drive is
-//! u = (Kx·e + Kv·dx)/16, rounded to the nearest, up to ±127. Kx is the sheet's "współczynnik proporcjonalności"; that Kv is a
+//! Every 5 ms: the set point takes an increment dx, e is the set point less the count, and the drive is u = (Kx·e +
+//! Kv·dx)/16, rounded to the nearest, up to ±127. Kx is the sheet's "współczynnik proporcjonalności"; that Kv is a
 //! feed-forward is ours: the sheet does not say what it is, and the controller holds dx and has no tachometer.
 //!
 //! # The carriage never runs away
@@ -16,9 +16,10 @@
 //! - A program ends where its increments end; then the loop holds the axis. So does `S`, at the set point as it is.
 //! - The set point never leaves the travel, 0 to 425 mm from where the firmware's 0 is. An increment that would take it
 //!   out ends the run there, and the loop holds the axis.
-//! - A hard stop at either side, 1 mm beyond, closes a switch. Driven into it (the firmware's 0 is elsewhere, the encoder
-//!   has lost counts), the firmware gives up: the loop is open, the drive off.
-//! - It gives up, too, if the following error gets larger than 32 mm: the motor is blocked, Kx is 0, or the encoder is dead.
+//! - A hard stop at either side, 1 mm beyond, closes a switch. Driven into it (the firmware's 0 is elsewhere, the
+//!   encoder has lost counts), the firmware gives up: the loop is open, the drive off.
+//! - It gives up, too, if the following error gets larger than 32 mm: the motor is blocked, Kx is 0, or the encoder is
+//!   dead.
 //!
 //! A run that ends early shows on the line as telemetry that stops; why, on the LED "fault". (All of this ours.)
 

@@ -1,7 +1,7 @@
 //! Dialects: what is said on the lines of each machine.
 //!
-//! Here alone it is known which there are. Whatever reads or writes lines (traces, scenarios, faults, the live rig) does so
-//! by the [`Dialect`] that the rig file names.
+//! Here alone it is known which there are. Whatever reads or writes lines (traces, scenarios, faults, the live rig)
+//! does so by the [`Dialect`] that the rig file names.
 
 mod lathe;
 mod servo;

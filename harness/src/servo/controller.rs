@@ -202,7 +202,8 @@ impl<L: Line> Controller<L> {
         self.say(&Command::Home).await
     }
 
-    /// Hands it a program: at most [`INCREMENTS_MAX`] increments. `progress` hears how many bytes have gone, of how many.
+    /// Hands it a program: at most [`INCREMENTS_MAX`] increments. `progress` hears how many bytes have gone, of how
+    /// many.
     ///
     /// # Errors
     /// [`ControllerError::Download`] if it does not answer behind it.
