@@ -69,8 +69,8 @@ pub fn compile(text: &str, limits: &Limits) -> Compiled {
     match ended {
         None => tell(lines, Problem::NoEnd, text.lines().last().unwrap_or_default().trim_end()),
         // Lines that are wrong have been told; they are no emptiness.
-        Some(line) if motions.is_empty() && findings.is_empty() => {
-            findings.push(Finding { line, column: 1, word: "e".to_owned(), problem: Problem::Empty });
+        Some((line, column)) if motions.is_empty() && findings.is_empty() => {
+            findings.push(Finding { line, column, word: "e".to_owned(), problem: Problem::Empty });
         }
         Some(_) => {}
     }
@@ -105,8 +105,8 @@ struct Parameter<'a> {
 }
 
 impl Compiler<'_> {
-    /// Takes the lines up to the `e`; gives its line.
-    fn lines(&mut self, text: &str) -> Option<usize> {
+    /// Takes the lines up to the `e`; gives its line and its column.
+    fn lines(&mut self, text: &str) -> Option<(usize, usize)> {
         // Editors of the sheet's time and system begin no file with a mark; today's do.
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         let mut lines = (1..).zip(text.lines());
@@ -114,11 +114,11 @@ impl Compiler<'_> {
             let words = words(line);
             match words[..] {
                 [] => {}
-                [Word { text: "e", .. }] => {
+                [Word { text: "e", column }] => {
                     if let Some((line, text)) = lines.find(|(_, line)| !line.trim().is_empty()) {
                         self.tell(line, 1, text.trim_end(), Problem::BehindEnd);
                     }
-                    return Some(number);
+                    return Some((number, column));
                 }
                 _ => {
                     if let Some(element) = self.element(number, line, &words) {

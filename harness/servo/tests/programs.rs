@@ -83,7 +83,7 @@ fn each_fault_is_told_with_its_place_and_its_word() {
         ("x1 t100000\ne", 1, 1, "x1 t100000", "the program takes more than a day in line 1"),
         ("x1 t1\n", 1, 1, "x1 t1", "expected a line with 'e' after line 1: the end of the program is missing"),
         ("", 1, 1, "", "expected a line with 'e' after line 1: the end of the program is missing"),
-        ("\n e \n", 2, 1, "e", "expected an element before the 'e' in line 2, found none"),
+        ("\n e \n", 2, 2, "e", "expected an element before the 'e' in line 2, found none"),
     ] {
         let Compiled { program, findings } = compiled(text);
         let [finding] = &findings[..] else { panic!("{text}: {findings:?}") };
