@@ -16,7 +16,8 @@ use std::time::{Duration, Instant};
 use common::{Up, folder, json, output};
 use torno::rig::Driver;
 use torno::rig::file::RigFile;
-use torno::servo::{Controller, Ended, Gain, RigLine, Sample};
+use torno::servo::{Controller, Ended, Gain, RigLine, Sample, contour};
+use torno_servo::contour::{Shape, Task};
 use torno_servo::{Limits, compile};
 
 /// What a run has come to.
@@ -328,4 +329,32 @@ fn a_run_that_is_stopped_ends_at_once() {
         // It is at rest and answers again.
         controller.check_link().await.unwrap();
     });
+}
+
+/// A count is 0.008 mm; the loops are sampled, which takes a sixth of a corner's deviation that the formulas give.
+#[test]
+fn two_axes_leave_their_path_as_the_formulas_say() {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    for (tau, shape, kx, of_formula) in [
+        (0.001, Shape::Corner, [20, 20], 0.008 + 0.0132),
+        (0.03, Shape::Corner, [20, 20], 0.008 + 0.0132),
+        (0.03, Shape::Line(45.0), [20, 18], 0.008),
+        (0.03, Shape::Straight, [20, 18], 0.008),
+        (0.001, Shape::Circle(10.0), [20, 20], 0.008),
+        (0.03, Shape::Circle(10.0), [20, 20], 0.008),
+        (0.001, Shape::Circle(5.0), [20, 20], 0.008),
+    ] {
+        let file = RigFile::load("servo").unwrap().set(&format!("servo.plant.tau_s={tau}")).unwrap();
+        let task = Task { shape, speed_mm_s: 10.0 };
+        let contour = runtime.block_on(contour::drive(&file, task, kx, tau)).unwrap();
+        let (found, sampled) = (contour.measured, contour.sampled);
+        let [_, formula] = contour.predicted.unwrap();
+        assert!((found - sampled).abs() < 0.008, "{shape:?}, tau {tau}: {found}, sampled {sampled}");
+        assert!((found - formula).abs() < of_formula, "{shape:?}, tau {tau}: {found}, formula {formula}");
+    }
+    // From point to point the path is 4.5 mm off the line, which contour control keeps to within some hundredths.
+    let file = RigFile::load("servo").unwrap();
+    let task = Task { shape: Shape::Points, speed_mm_s: 10.0 };
+    let contour = runtime.block_on(contour::drive(&file, task, [20, 18], 0.03)).unwrap();
+    assert!((4.2..4.5).contains(&contour.measured), "{}", contour.measured);
 }

@@ -11,15 +11,16 @@
 //! ws       = ( " " | TAB ) { " " | TAB } ;
 //! ```
 //!
-//! At constant speed v = x/t; with acceleration t = 2x/(p + k) and a = (k² − p²)/2x. Elements may begin at another speed
-//! than the one before ends with: the sheet's first example starts at 5 mm/s from rest.
+//! At constant speed v = x/t; with acceleration t = 2x/(p + k) and a = (k² − p²)/2x. Elements may begin at another
+//! speed than the one before ends with: the sheet's first example starts at 5 mm/s from rest.
 //!
-//! The sheet has `p5 k0 1x` in one example. It is a misprint of `x1`: each of the others has the symbol first. Here it is an
-//! unknown parameter.
+//! The sheet has `p5 k0 1x` in one example. It is a misprint of `x1`: each of the others has the symbol first. Here it
+//! is an unknown parameter.
 //!
 //! Pure: no I/O. [`compile`] tells everything that is wrong at once.
 
 mod compile;
+pub mod contour;
 mod error;
 mod message;
 mod motion;
