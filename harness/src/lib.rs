@@ -8,6 +8,7 @@
 mod channel;
 pub mod condition;
 pub mod control;
+pub mod dialect;
 pub mod engine;
 pub mod fault;
 pub mod identify;
@@ -23,6 +24,7 @@ pub mod rig;
 pub mod scenario;
 pub mod seat;
 pub mod send;
+pub mod servo;
 pub mod sweep;
 pub mod text;
 pub mod trace;

@@ -8,6 +8,7 @@ pub mod clock;
 pub mod lathe;
 pub mod line;
 pub mod record;
+pub mod servo;
 pub mod stepping;
 pub mod time;
 pub mod uart;

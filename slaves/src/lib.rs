@@ -1,4 +1,5 @@
-//! The lathe's three slave boards: plants, encoders, control laws, and the boards made of them, as pure state machines.
+//! The boards that drive motors: plants, encoders, control laws, and the boards made of them, as pure state machines.
+//! The lathe's three slaves, and the [`Servo`] stand's controller, which is made of the same parts.
 //!
 //! Source: Peña & Martínez, "Sistema electrónico de control de un torno CNC didáctico" (2009). What the paper leaves
 //! open is marked "(Ours.)".
@@ -18,6 +19,7 @@ mod encoder;
 mod link;
 mod plant;
 mod schedule;
+mod servo;
 mod settings;
 mod slave;
 mod spindle;
@@ -25,10 +27,12 @@ mod task;
 mod transverse;
 
 pub use depth::{Depth, DepthTask};
+pub use servo::Servo;
 pub use settings::{
-    DepthController, DepthDrive, DepthEncoder, DepthPlant, DepthSettings, Eq12, LeadForm, PositionForm, PositionModel,
-    SetPoint, SpindleController, SpindleDrive, SpindleEncoder, SpindlePlant, SpindleSettings, TransverseController,
-    TransverseDrive, TransverseEncoder, TransversePlant, TransverseSettings,
+    DepthController, DepthDrive, DepthEncoder, DepthPlant, DepthSettings, Eq12, KvOn, LeadForm, PositionForm,
+    PositionModel, ServoController, ServoDrive, ServoEncoder, ServoPlant, ServoSettings, SetPoint, SpindleController,
+    SpindleDrive, SpindleEncoder, SpindlePlant, SpindleSettings, TransverseController, TransverseDrive,
+    TransverseEncoder, TransversePlant, TransverseSettings,
 };
 pub use slave::Progress;
 pub use spindle::{Spindle, SpindleTask};

@@ -8,6 +8,7 @@ mod identify;
 mod replay;
 mod run;
 mod send;
+mod servo;
 mod sweep;
 mod test;
 mod trace;
@@ -32,6 +33,7 @@ use torno::rig::file::{DEFAULT, RigFile, RigFileError};
 use torno::rig::{Driver, RigError};
 use torno::seat::SeatError;
 use torno::send::SendError;
+use torno::servo::ControllerError;
 use torno::text::{self, TextError};
 use torno::trace::replay::ReplayError;
 use torno::trace::{Damage, Header, Recorder, RecordingError, SessionError, Trace};
@@ -79,6 +81,8 @@ enum Command {
     Tune(tune::Arguments),
     /// Plays a program on two rigs, and shows side by side what their buses cost.
     Compare(compare::Arguments),
+    /// Is the PC program of the servo stand: checks, draws and runs motion programs.
+    Servo(servo::Arguments),
     /// Prints a recorded trace as a bus analyser would, or exports it.
     Trace(trace::Arguments),
     /// Lets a recorded session happen again, and checks that the same comes of it.
@@ -107,6 +111,7 @@ pub(crate) fn main(started: Instant) -> ExitCode {
             Command::Identify(arguments) => arguments.run().await,
             Command::Tune(arguments) => arguments.run().await,
             Command::Compare(arguments) => arguments.run().await,
+            Command::Servo(arguments) => arguments.run().await,
             Command::Trace(arguments) => arguments.run(),
             Command::Replay(arguments) => arguments.run(started).await,
             Command::Diff(arguments) => arguments.run(),
@@ -127,7 +132,8 @@ fn exit_code(error: &anyhow::Error) -> u8 {
         || error.downcast_ref::<LiveError>().is_some()
         || error.downcast_ref::<RecordingError>().is_some()
         || matches!(error.downcast_ref::<ReplayError>(), Some(ReplayError::Rig(_)));
-    let failed = matches!(error.downcast_ref::<SendError>(), Some(SendError::Port { .. }));
+    let failed = matches!(error.downcast_ref::<SendError>(), Some(SendError::Port { .. }))
+        || error.downcast_ref::<ControllerError>().is_some();
     let used_wrongly = error.downcast_ref::<PortError>().is_some()
         || error.downcast_ref::<RigFileError>().is_some()
         || error.downcast_ref::<SeatError>().is_some();

@@ -34,12 +34,12 @@ pub(crate) struct RawClaim {
     at_most: Option<i64>,
 }
 
-/// Replies in a row, each with its letters: `ACK`, `NAK o`, `CAN d n`.
+/// Replies in a row, each with its letters and numbers: `ACK`, `NAK o`, `CAN d n`, `KX 20`.
 pub(crate) fn words(text: &str) -> Vec<String> {
     let mut replies: Vec<String> = Vec::new();
     for word in text.split_whitespace() {
         match replies.last_mut() {
-            Some(last) if word.len() == 1 && word.chars().all(|c| c.is_ascii_lowercase()) => {
+            Some(last) if is_rest(word) => {
                 last.push(' ');
                 last.push_str(word);
             }
@@ -47,6 +47,11 @@ pub(crate) fn words(text: &str) -> Vec<String> {
         }
     }
     replies
+}
+
+/// A letter or a number belongs to the word before it.
+fn is_rest(word: &str) -> bool {
+    matches!(word.as_bytes(), [letter] if letter.is_ascii_lowercase()) || word.parse::<i64>().is_ok()
 }
 
 impl RawCondition {
@@ -71,10 +76,10 @@ impl RawCondition {
         match self {
             Self { reply: Some(reply), line: None, board: None, .. } => {
                 let text = words(reply.get_ref()).join(" ");
-                let known = ["ACK", "XOFF", "XON", "NAK", "CAN"];
+                let known = names.dialect.replies();
                 let first = text.split(' ').next().unwrap_or_default();
                 if !known.contains(&first) {
-                    let message = format!("there is no reply '{}'{}", reply.get_ref(), nearest(first, &known));
+                    let message = format!("there is no reply '{}'{}", reply.get_ref(), nearest(first, known));
                     return Err((reply.span(), message));
                 }
                 Ok(Condition::Reply(text))

@@ -97,7 +97,7 @@ impl Live {
             kept_up: Instant::START,
             recording: None,
             faults: Faults::default(),
-            replies: Replies::default(),
+            replies: Replies::new(file.dialect),
             steering: None,
         })
     }
@@ -275,9 +275,12 @@ impl Live {
         for fact in facts {
             if let Fact::Event { node, at, event, value } = fact
                 && *node == self.rig.pc()
-                && let Some(PcEvent::Received(byte)) = PcEvent::from_numbers(*event, *value)
             {
-                self.replies.hear(*at, byte);
+                match PcEvent::from_numbers(*event, *value) {
+                    Some(PcEvent::Sent(byte)) => drop(self.replies.send(*at, byte)),
+                    Some(PcEvent::Received(byte)) => drop(self.replies.hear(*at, byte)),
+                    Some(PcEvent::Garbled(_)) | None => {}
+                }
             }
         }
         for hit in self.rig.take_hits() {

@@ -1,20 +1,31 @@
 //! The replies that the PC hears, as scenarios and faults write them.
 
-use torno_protocol::lathe::{Reply, ReplyDecoder};
 use torno_protocol::time::Instant;
 
+use crate::dialect::{Dialect, Listener, Reply};
+
 /// The replies that the PC has heard, and when.
-#[derive(Clone, Debug, Default)]
+#[derive(Debug)]
 pub struct Replies {
-    decoder: ReplyDecoder,
+    listener: Box<dyn Listener>,
     heard: Vec<(Instant, String)>,
 }
 
 impl Replies {
+    /// Nothing has been heard yet of this dialect.
+    pub fn new(dialect: &dyn Dialect) -> Self {
+        Self { listener: dialect.listener(), heard: Vec::new() }
+    }
+
+    /// Takes a byte that the PC has sent: what it hears can depend on it. Gives what is complete with it, for people.
+    pub fn send(&mut self, at: Instant, byte: u8) -> Vec<String> {
+        self.listener.sent(at, byte)
+    }
+
     /// Takes a byte that the PC has received; gives the replies that are complete with it.
     pub fn hear(&mut self, at: Instant, byte: u8) -> Vec<Reply> {
-        let replies = self.decoder.push(byte);
-        self.heard.extend(replies.iter().map(|reply| (at, reply.code())));
+        let replies = self.listener.received(at, byte);
+        self.heard.extend(replies.iter().map(|reply| (at, reply.code.clone())));
         replies
     }
 

@@ -17,7 +17,7 @@ mod timeline;
 pub use comparison::{Comparison, Side};
 pub use cut::Cut;
 pub use part::{EventSummary, Measure, PartSummary, Worst};
-pub use progress::Bar;
+pub use progress::{Bar, Status};
 pub use stats::{BytesPerTurn, Shares, Stats};
 pub use summary::{BoardSummary, Frames, Summary, failures};
 pub use tested::{TestReport, Tested};

@@ -64,3 +64,36 @@ impl Bar {
         self.bar.finish_and_clear();
     }
 }
+
+/// A line in which a terminal shows how far things have come; nothing, if standard error is none.
+#[derive(Debug)]
+pub struct Status {
+    line: ProgressBar,
+}
+
+impl Status {
+    /// An empty line.
+    pub fn new() -> Self {
+        let line = ProgressBar::no_length();
+        line.set_style(ProgressStyle::with_template("{msg}").unwrap_or_else(|_| ProgressStyle::default_bar()));
+        Self { line }
+    }
+
+    /// Shows this, unless something has been shown just now.
+    pub fn show(&self, text: impl FnOnce() -> String) {
+        if !self.line.is_hidden() {
+            self.line.set_message(text());
+        }
+    }
+
+    /// Takes it off the terminal.
+    pub fn clear(&self) {
+        self.line.finish_and_clear();
+    }
+}
+
+impl Default for Status {
+    fn default() -> Self {
+        Self::new()
+    }
+}

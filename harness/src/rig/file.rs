@@ -7,7 +7,6 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 use torno_protocol::board::Description;
 use torno_protocol::clock::Clock;
-use torno_protocol::lathe::BAUD;
 use torno_protocol::time::Span;
 use torno_protocol::uart::BITS_PER_CHARACTER;
 
@@ -15,12 +14,14 @@ use super::kinds::{self, KindError};
 use super::names::Names;
 use super::part::{Part, RawPart};
 use super::place;
+use crate::dialect::{self, Dialect};
 use crate::text::{self, Complaint, Invalid, TextError};
 
 /// The rigs that are built in: name and text.
-const BUILT_IN: [(&str, &str); 2] = [
+const BUILT_IN: [(&str, &str); 3] = [
     ("lathe", include_str!("../../builtin/lathe.toml")),
     ("lathe-dspic", include_str!("../../builtin/lathe-dspic.toml")),
+    ("servo", include_str!("../../builtin/servo.toml")),
 ];
 
 /// The rig that is meant where none is named.
@@ -31,6 +32,8 @@ pub const DEFAULT: &str = "lathe";
 pub struct RigFile {
     /// The rig's name.
     pub name: String,
+    /// What is said on its lines.
+    pub dialect: &'static dyn Dialect,
     /// The PC's side.
     pub pc: Pc,
     /// The boards, in the order of the file.
@@ -230,16 +233,13 @@ impl RigFile {
 
     /// Longer than a character takes on any line: two at the slowest speed, as no clock is wrong by half.
     pub fn margin(&self) -> Span {
-        let slowest = self.pc.baud.min(BAUD);
+        let slowest = self.pc.baud.min(self.dialect.baud());
         Span::from_nanos(2 * BITS_PER_CHARACTER * 1_000_000_000 / u64::from(slowest))
     }
 
     /// `table` is the file that `raw` was read from: it still knows where each setting stands.
     fn check(raw: RawRig, table: &DeTable<'_>) -> Result<Self, Complaint> {
-        if raw.dialect.get_ref() != "lathe" {
-            let message = format!("unknown dialect '{}': expected lathe", raw.dialect.get_ref());
-            return Err((raw.dialect.span(), message));
-        }
+        let dialect = dialect::named(raw.dialect.get_ref()).map_err(|message| (raw.dialect.span(), message))?;
         check_name(&raw.name)?;
         let mut boards: Vec<Board> = Vec::new();
         let none = Spanned::new(0..0, DeValue::Table(DeTable::new()));
@@ -286,7 +286,8 @@ impl RigFile {
             }
             links.push(link);
         }
-        let mut file = Self { name: raw.name.into_inner(), pc, boards, links, part: None, text: String::new() };
+        let name = raw.name.into_inner();
+        let mut file = Self { name, dialect, pc, boards, links, part: None, text: String::new() };
         file.part = raw.part.map(|part| part.check(&Names::of(&file))).transpose()?;
         Ok(file)
     }

@@ -4,12 +4,15 @@ use toml::Spanned;
 use torno_protocol::board::{Heeds, Motor};
 
 use super::file::RigFile;
+use crate::dialect::Dialect;
 use crate::engine::{LineId, NodeId};
 use crate::text::{Complaint, nearest};
 
 /// The names that a rig gives to its parts.
 #[derive(Clone, Debug)]
 pub struct Names {
+    /// What is said on its lines.
+    pub dialect: &'static dyn Dialect,
     /// Boards, and last the PC.
     pub boards: Vec<String>,
     /// The quantities of each.
@@ -35,6 +38,7 @@ impl Names {
         let boards: Vec<String> = file.boards.iter().map(|board| board.name.clone()).chain(["pc".to_owned()]).collect();
         let (lines, senders) = file.lines().into_iter().map(|line| (line.name, line.from)).unzip();
         Self {
+            dialect: file.dialect,
             signals: described().map(|d| d.signals.iter().map(|signal| signal.name.clone()).collect()).collect(),
             events: described().map(|d| d.events.clone()).collect(),
             heeds: described().map(|d| d.heeds.clone()).collect(),

@@ -3,7 +3,6 @@
 use std::collections::VecDeque;
 
 use torno_protocol::board::{Stimulus, event_text};
-use torno_protocol::lathe::Frame;
 use torno_protocol::time::{Instant, Span};
 
 use super::{Action, Failure, Scenario, Step};
@@ -88,7 +87,6 @@ struct Conductor<'a> {
     values: Vec<Vec<i64>>,
     /// What the PC has heard.
     replies: Replies,
-    sending: Vec<u8>,
     context: VecDeque<(Instant, String)>,
     /// Everything before this has happened, and the next step takes place here.
     now: Instant,
@@ -111,8 +109,7 @@ impl<'a> Conductor<'a> {
             values: rig.nodes().iter().map(initial).collect(),
             rig,
             recorder,
-            replies: Replies::default(),
-            sending: Vec::new(),
+            replies: Replies::new(scenario.file.dialect),
             context: VecDeque::new(),
             now: Instant::START + BEGIN,
             faults: Faults::default(),
@@ -302,24 +299,18 @@ impl<'a> Conductor<'a> {
     fn note_pc(&mut self, at: Instant, event: Option<PcEvent>) {
         match event {
             Some(PcEvent::Sent(byte)) => {
-                self.sending.push(byte);
-                if let Ok(frame) = <[u8; 8]>::try_from(self.sending.as_slice()) {
-                    self.sending.clear();
-                    let bytes: Vec<String> = frame.iter().map(|byte| format!("{byte:02X}")).collect();
-                    let meaning =
-                        Frame::parse(frame).map_or_else(|refusal| refusal.to_string(), |_| "a frame".to_owned());
-                    self.note(at, &format!("pc sends {} ({meaning})", bytes.join(" ")));
+                for text in self.replies.send(at, byte) {
+                    self.note(at, &format!("pc sends {text}"));
                 }
             }
             Some(PcEvent::Received(byte)) => {
                 for reply in self.replies.hear(at, byte) {
-                    self.note(at, &format!("pc hears {reply}"));
-                    let text = reply.code();
+                    self.note(at, &format!("pc hears {}", reply.text));
                     let pc = self.rig.pc();
                     self.check_never(
                         at,
                         pc,
-                        |never| matches!(never, Condition::Reply(reply) if is_reply(&text, reply)),
+                        |never| matches!(never, Condition::Reply(expected) if is_reply(&reply.code, expected)),
                     );
                 }
             }

@@ -4,7 +4,6 @@ use std::path::Path;
 
 use serde::Deserialize;
 use toml::Spanned;
-use torno_protocol::lathe::Program;
 use torno_protocol::time::Span;
 
 use super::part::{self, RawDiameter};
@@ -47,8 +46,7 @@ struct RawScenario {
     set: Vec<Spanned<String>>,
     #[serde(default)]
     seed: u64,
-    #[serde(default = "yes")]
-    held: bool,
+    held: Option<bool>,
     end: Option<Spanned<String>>,
     #[serde(default)]
     step: Vec<Spanned<RawStep>>,
@@ -60,10 +58,6 @@ struct RawScenario {
 
 fn default_rig() -> String {
     crate::rig::file::DEFAULT.to_owned()
-}
-
-const fn yes() -> bool {
-    true
 }
 
 #[derive(Deserialize)]
@@ -165,7 +159,7 @@ impl Scenario {
             file,
             seed,
             drawn: dice.into_drawn(),
-            held: raw.held,
+            held: raw.held.unwrap_or(names.dialect.holds_the_pc()),
             steps,
             faults,
             finally: claims(&raw.expect.finally)?,
@@ -188,11 +182,10 @@ impl RawStep {
         place: std::ops::Range<usize>,
     ) -> Result<Action, Complaint> {
         let mut actions = Vec::new();
-        if let Some(frames) = &self.send {
+        if let Some(texts) = &self.send {
             let mut bytes = Vec::new();
-            for frame in frames {
-                let program = Program::parse(frame.get_ref()).map_err(|error| (frame.span(), error.to_string()))?;
-                bytes.extend(program.bytes());
+            for text in texts {
+                bytes.extend(names.dialect.bytes(text.get_ref()).map_err(|error| (text.span(), error))?);
             }
             actions.push(Action::Send(bytes));
         }

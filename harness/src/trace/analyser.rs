@@ -3,9 +3,9 @@
 use torno_protocol::time::Instant;
 
 use super::decode::Ears;
-use super::dialect::Reader;
 use super::rows::{Filter, Kind, Row};
 use super::{Header, Trace};
+use crate::dialect::{self, Reader};
 use crate::engine::Fact;
 use crate::rig::Input;
 
@@ -17,12 +17,12 @@ pub fn rows(trace: &Trace, filter: &Filter) -> Vec<Row> {
 }
 
 /// A bus analyser.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Analyser {
     header: Header,
     filter: Filter,
     /// Who hears and reads the lines, if anybody wants to know.
-    lines: Option<(Ears, Reader)>,
+    lines: Option<(Ears, Option<Box<dyn Reader>>)>,
     /// What is not settled yet.
     rows: Vec<Row>,
 }
@@ -31,7 +31,7 @@ impl Analyser {
     /// An analyser of a rig like this, from now on.
     pub fn new(header: &Header, filter: Filter) -> Self {
         let reads = filter.kinds.contains(&Kind::Characters) || filter.kinds.contains(&Kind::Frames);
-        let lines = reads.then(|| (Ears::new(header), Reader::new(header)));
+        let lines = reads.then(|| (Ears::new(header), dialect::reader(header)));
         Self { header: header.clone(), filter, lines, rows: Vec::new() }
     }
 
@@ -51,9 +51,11 @@ impl Analyser {
     pub fn take(&mut self, until: Instant) -> Vec<Row> {
         if let Some((ears, reader)) = &mut self.lines {
             let heard = ears.hear(until);
-            reader.hear(&heard);
             self.rows.extend(heard.iter().map(Row::character));
-            self.rows.extend(reader.take().into_iter().map(Row::message));
+            if let Some(reader) = reader {
+                reader.hear(&heard);
+                self.rows.extend(reader.take().into_iter().map(Row::message));
+            }
         }
         self.rows.retain(|row| self.filter.shows(row));
         self.rows.sort_by_key(|row| row.at);
@@ -64,7 +66,7 @@ impl Analyser {
     /// The rest: nothing more will come.
     pub fn end(mut self) -> Vec<Row> {
         let mut rows = self.take(Instant::NEVER);
-        if let Some((_, reader)) = &mut self.lines {
+        if let Some((_, Some(reader))) = &mut self.lines {
             reader.end();
             self.rows.extend(reader.take().into_iter().map(Row::message));
             rows.extend(self.take(Instant::NEVER));

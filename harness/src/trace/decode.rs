@@ -2,7 +2,6 @@
 
 use torno_protocol::board::Stimulus;
 use torno_protocol::clock::{Clock, Rate};
-use torno_protocol::lathe::BAUD;
 use torno_protocol::line::Edge;
 use torno_protocol::time::Instant;
 use torno_protocol::uart::{Character, Receiver};
@@ -23,6 +22,9 @@ pub struct Heard {
     /// What it is.
     pub character: Character,
 }
+
+/// The speed of the lines of a rig that cannot be read.
+const UNKNOWN_BAUD: u32 = 9600;
 
 /// Something that happens to a line, for its receiver.
 #[derive(Clone, Debug)]
@@ -72,7 +74,8 @@ impl Ears {
                 .as_ref()
                 .map_or(Clock::TRUE, |rig| rig.boards.get(info.to).map_or(rig.pc.clock, |board| board.clock));
             let of_pc = info.from == pc || info.to == pc;
-            let baud = rig.as_ref().filter(|_| of_pc).map_or(BAUD, |rig| rig.pc.baud);
+            let speed = |rig: &RigFile| if of_pc { rig.pc.baud } else { rig.dialect.baud() };
+            let baud = rig.as_ref().map_or(UNKNOWN_BAUD, speed);
             let receiver = Receiver::hardware(Rate::hz(baud), clock);
             let sends = info.from == pc;
             let listener = Listener { line, receiver, baud, clock, sends, next: None };

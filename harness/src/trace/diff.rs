@@ -9,7 +9,8 @@ use torno_protocol::time::Instant;
 
 use super::analyser::rows;
 use super::rows::{Filter, Place, Row, UnknownName, Wanted};
-use super::{Trace, decode, dialect};
+use super::{Trace, decode};
+use crate::dialect;
 use crate::engine::Fact;
 
 /// Rows before a difference that are shown.

@@ -33,7 +33,6 @@
 
 pub mod analyser;
 pub mod decode;
-pub mod dialect;
 pub mod diff;
 mod format;
 mod reader;

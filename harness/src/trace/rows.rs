@@ -11,7 +11,7 @@ use torno_protocol::uart::Character;
 
 use super::Header;
 use super::decode::Heard;
-use super::dialect::{Message, hex};
+use crate::dialect::{Message, hex};
 use crate::engine::{Disturbance, Fact, LineId, NodeId, Tampering};
 use crate::rig::{Input, What};
 use crate::text;

@@ -39,6 +39,9 @@ pub enum ProgramError {
 }
 
 impl Program {
+    /// The dialect of the rigs that it can be played on, as their files name it.
+    pub const DIALECT: &'static str = "lathe";
+
     /// Reads a program.
     ///
     /// # Errors

@@ -78,6 +78,13 @@ impl PositionMotor {
         self
     }
 
+    /// Standing so far from mid-travel.
+    pub(crate) const fn standing_at(mut self, position: f64) -> Self {
+        self.position = position;
+        self.carriage.position = position;
+        self
+    }
+
     /// Something happens to motor or axis; `way` is what so many counts are in units of position.
     pub(crate) fn disturb(&mut self, stimulus: &Stimulus, way: impl Fn(i32) -> f64) {
         match stimulus {

@@ -5,10 +5,12 @@
 //! differ from it.
 
 mod depth;
+mod servo;
 mod spindle;
 mod transverse;
 
 pub use depth::{DepthController, DepthDrive, DepthEncoder, DepthPlant, DepthSettings};
+pub use servo::{KvOn, ServoController, ServoDrive, ServoEncoder, ServoPlant, ServoSettings};
 pub use spindle::{LeadForm, SpindleController, SpindleDrive, SpindleEncoder, SpindlePlant, SpindleSettings};
 pub use transverse::{
     Eq12, PositionForm, PositionModel, SetPoint, TransverseController, TransverseDrive, TransverseEncoder,

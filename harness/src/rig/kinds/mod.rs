@@ -14,12 +14,14 @@ use torno_protocol::board::{Board, Description};
 use torno_protocol::clock::Clock;
 use torno_protocol::record::{Batch, Turn};
 use torno_protocol::stepping::{BrokenPromise, Stepper};
-use torno_slaves::{Depth, DepthSettings, Spindle, SpindleSettings, Transverse, TransverseSettings};
+use torno_slaves::{
+    Depth, DepthSettings, Servo, ServoSettings, Spindle, SpindleSettings, Transverse, TransverseSettings,
+};
 
 use crate::text::{Complaint, of_toml};
 
 /// The kinds of boards that there are.
-pub const NAMES: [&str; 5] = ["master", "spindle", "transverse", "depth", "dspic"];
+pub const NAMES: [&str; 6] = ["master", "spindle", "transverse", "depth", "dspic", "servo"];
 
 /// A board of any kind with its stepper.
 pub trait Steps: Send {
@@ -84,6 +86,7 @@ pub fn build_parsed(kind: &str, settings: &Spanned<DeValue<'_>>, clock: Clock) -
         Settings::Transverse(s) => boxed(Transverse::new(&s, clock)),
         Settings::Depth(s) => boxed(Depth::new(&s, clock)),
         Settings::Dspic(s) => boxed(Dspic::new(&s, clock)),
+        Settings::Servo(s) => boxed(Servo::new(&s, clock)),
     })
 }
 
@@ -103,6 +106,7 @@ pub(super) enum Settings {
     Transverse(TransverseSettings),
     Depth(DepthSettings),
     Dspic(Box<DspicSettings>),
+    Servo(ServoSettings),
 }
 
 fn parsed(kind: &str, settings: &Spanned<DeValue<'_>>) -> Result<Settings, KindError> {
@@ -112,6 +116,7 @@ fn parsed(kind: &str, settings: &Spanned<DeValue<'_>>) -> Result<Settings, KindE
         "transverse" => read(settings, TransverseSettings::check).map(Settings::Transverse),
         "depth" => read(settings, DepthSettings::check).map(Settings::Depth),
         "dspic" => read(settings, DspicSettings::check).map(|s| Settings::Dspic(Box::new(s))),
+        "servo" => read(settings, ServoSettings::check).map(Settings::Servo),
         _ => return Err(KindError::Unknown { kind: kind.to_owned() }),
     }
     .map_err(|complaint| wrong(kind, complaint))

@@ -53,7 +53,8 @@ pub struct Motor {
 /// [`KindError`] if there is no such kind, or its settings are wrong.
 pub fn motor(kind: &str, settings: &str) -> Result<Option<Motor>, KindError> {
     Ok(match settings_of(kind, settings)? {
-        Settings::Master(_) | Settings::Dspic(_) => None,
+        // The stand's axis begins at the end of its travel: there is no room for a bench.
+        Settings::Master(_) | Settings::Dspic(_) | Settings::Servo(_) => None,
         Settings::Spindle(SpindleSettings { drive, encoder, controller, .. }) => Some(Motor {
             encoder: Encoder::Window("speed_counts"),
             period_ms: controller.window_ms,

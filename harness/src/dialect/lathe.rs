@@ -1,32 +1,80 @@
-//! Makes messages of characters: frames, the slaves' parts of them, and replies.
+//! The lathe's dialect: frames, the slaves' parts of them, and replies.
 //!
 //! Where frames begin is not on the line; it follows from silences, from replies and from which slaves are busy. So the
 //! characters of all lines are read together, by the rules of the boards.
 
 use torno_protocol::lathe::{
-    ACK, BEL, CAN, CHARACTER, DepthPart, ENQ, FRAME_GAP, Fault, Frame, Parity, Refusal, Reply, ReplyDecoder, Slave,
-    SpindlePart, TransversePart,
+    ACK, BAUD, BEL, CAN, CHARACTER, DepthPart, ENQ, FRAME_GAP, Fault, Frame, Parity, Program, Refusal, Reply,
+    ReplyDecoder, Slave, SpindlePart, TransversePart,
 };
 use torno_protocol::time::{Instant, Span};
 
-use super::Header;
-use super::decode::Heard;
+use super::{Dialect, Listener, Message, Reader, hex};
 use crate::engine::LineId;
+use crate::trace::decode::Heard;
+use crate::trace::{Header, LineInfo};
 
 /// The longest time from one character of a slave's part to the next.
 const PART_GAP: Span = CHARACTER.times(3);
 
-/// Something that was said over a line.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Message {
-    /// When it was complete.
-    pub at: Instant,
-    /// The line.
-    pub line: LineId,
-    /// What was said.
-    pub text: String,
-    /// Something is wrong with it.
-    pub flaw: bool,
+/// The lathe's dialect.
+#[derive(Debug)]
+pub(super) struct Lathe;
+
+impl Dialect for Lathe {
+    fn name(&self) -> &'static str {
+        "lathe"
+    }
+
+    fn baud(&self) -> u32 {
+        BAUD
+    }
+
+    fn holds_the_pc(&self) -> bool {
+        true
+    }
+
+    fn replies(&self) -> &'static [&'static str] {
+        &["ACK", "XOFF", "XON", "NAK", "CAN"]
+    }
+
+    fn listener(&self) -> Box<dyn Listener> {
+        Box::new(Cable::default())
+    }
+
+    fn reader(&self, header: &Header) -> Box<dyn Reader> {
+        Box::new(Lines::new(header))
+    }
+
+    fn bytes(&self, text: &str) -> Result<Vec<u8>, String> {
+        Program::parse(text).map(|program| program.bytes()).map_err(|error| error.to_string())
+    }
+
+    fn player(&self) -> &'static str {
+        "torno run"
+    }
+}
+
+/// What goes over the PC's cable.
+#[derive(Clone, Debug, Default)]
+struct Cable {
+    sending: Vec<u8>,
+    replies: ReplyDecoder,
+}
+
+impl Listener for Cable {
+    fn sent(&mut self, _: Instant, byte: u8) -> Vec<String> {
+        self.sending.push(byte);
+        let Ok(frame) = <[u8; 8]>::try_from(self.sending.as_slice()) else { return Vec::new() };
+        self.sending.clear();
+        let meaning = Frame::parse(frame).map_or_else(|refusal| refusal.to_string(), |_| "a frame".to_owned());
+        vec![format!("{} ({meaning})", hex(&frame))]
+    }
+
+    fn received(&mut self, _: Instant, byte: u8) -> Vec<super::Reply> {
+        let reply = |reply: Reply| super::Reply { code: reply.code(), text: reply.to_string() };
+        self.replies.push(byte).into_iter().map(reply).collect()
+    }
 }
 
 /// What a line is for.
@@ -39,21 +87,13 @@ enum Role {
     Unknown,
 }
 
-/// The messages in these characters, which are in order of time; in order of time, too.
-pub fn messages(header: &Header, characters: &[Heard]) -> Vec<Message> {
-    let mut reader = Reader::new(header);
-    reader.hear(characters);
-    reader.end();
-    reader.take()
-}
-
 fn slave(kind: &str) -> Option<Slave> {
     Slave::ALL.into_iter().find(|slave| slave.name() == kind)
 }
 
 /// Reads the characters of all lines together.
 #[derive(Clone, Debug, Default)]
-pub struct Reader {
+struct Lines {
     roles: Vec<Role>,
     /// The bytes of the frame that is coming.
     frame: Partial,
@@ -83,11 +123,11 @@ struct Conversation {
     awaiting: Option<u8>,
 }
 
-impl Reader {
+impl Lines {
     /// Reads a rig's lines from the start.
-    pub fn new(header: &Header) -> Self {
+    fn new(header: &Header) -> Self {
         let kind = |board: usize| header.boards[board].kind.as_str();
-        let role = |line: &super::LineInfo| match (kind(line.from), kind(line.to)) {
+        let role = |line: &LineInfo| match (kind(line.from), kind(line.to)) {
             ("pc", _) => Role::Frames,
             (_, "pc") => Role::Replies,
             ("master", to) => slave(to).map_or(Role::Unknown, Role::Parts),
@@ -95,27 +135,6 @@ impl Reader {
             _ => Role::Unknown,
         };
         Self { roles: header.lines.iter().map(role).collect(), ..Self::default() }
-    }
-
-    /// Takes characters that follow on those before, in order of time.
-    pub fn hear(&mut self, characters: &[Heard]) {
-        for heard in characters {
-            match self.roles[heard.line] {
-                Role::Frames => self.hear_pc(heard),
-                Role::Replies => self.hear_reply(heard),
-                Role::Parts(slave) => self.hear_part(heard, slave),
-                Role::Answers(slave) => self.hear_answer(heard, slave),
-                Role::Unknown => {}
-            }
-        }
-    }
-
-    /// The messages since the last call, in order of time. What is known to be cut short only by what follows it comes
-    /// with that.
-    pub fn take(&mut self) -> Vec<Message> {
-        let mut messages = core::mem::take(&mut self.messages);
-        messages.sort_by_key(|message| message.at);
-        messages
     }
 
     fn tell(&mut self, at: Instant, line: LineId, text: String, flaw: bool) {
@@ -262,9 +281,28 @@ impl Reader {
         };
         self.tell(heard.at, heard.line, text, flaw);
     }
+}
 
-    /// Nothing more will come.
-    pub fn end(&mut self) {
+impl Reader for Lines {
+    fn hear(&mut self, characters: &[Heard]) {
+        for heard in characters {
+            match self.roles[heard.line] {
+                Role::Frames => self.hear_pc(heard),
+                Role::Replies => self.hear_reply(heard),
+                Role::Parts(slave) => self.hear_part(heard, slave),
+                Role::Answers(slave) => self.hear_answer(heard, slave),
+                Role::Unknown => {}
+            }
+        }
+    }
+
+    fn take(&mut self) -> Vec<Message> {
+        let mut messages = core::mem::take(&mut self.messages);
+        messages.sort_by_key(|message| message.at);
+        messages
+    }
+
+    fn end(&mut self) {
         self.cut_frame_short();
         Slave::ALL.into_iter().for_each(|slave| self.end_part(slave));
     }
@@ -313,11 +351,6 @@ fn depth_text(part: DepthPart) -> String {
     }
 }
 
-/// Bytes as two digits each.
-pub(super) fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02X}")).collect::<Vec<_>>().join(" ")
-}
-
 #[cfg(test)]
 mod tests {
     use torno_protocol::uart::Character;
@@ -339,7 +372,7 @@ mod tests {
                 heard.push(Heard { at, line, character: Character::good(*byte) });
             }
         }
-        messages(&trace.header, &heard).into_iter().map(|message| message.text).collect()
+        super::super::messages(&trace.header, &heard).into_iter().map(|message| message.text).collect()
     }
 
     fn on<'a>(line: &'a str, bytes: &[u8]) -> Vec<Option<(&'a str, u8)>> {

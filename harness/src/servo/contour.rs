@@ -1,0 +1,125 @@
+//! Contouring: two stands as the axes of one machine, driven along a path.
+
+use torno_servo::contour::{Axes, Place, Shape, Task};
+
+use super::controller::{Controller, ControllerError, Ended, Gain};
+use super::line::RigLine;
+use crate::report::plot::{Figure, Panel, Series, Style};
+use crate::rig::Driver;
+use crate::rig::file::RigFile;
+
+/// The fullest drive and the speed that it gives, by the sheet: counts/s per LSB, and the gains' sixteenths.
+const COUNTS_PER_S_PER_LSB: f64 = 2_083.333_333_333 / 127.0;
+const SIXTEENTHS: f64 = 16.0;
+/// Counts of a mm.
+const COUNTS_PER_MM: f64 = 125.0;
+
+/// What was driven, and what the formulas say of it.
+#[derive(Clone, Debug)]
+pub struct Contour {
+    /// The path and its speed.
+    pub task: Task,
+    /// The axes.
+    pub axes: Axes,
+    /// Where the axes were at each tick.
+    pub driven: Vec<Place>,
+    /// How far that leaves the path, in mm.
+    pub measured: f64,
+    /// What the formulas say: without and with the motors' lag.
+    pub predicted: Option<[f64; 2]>,
+    /// What axes without rounding would leave it by, if their loops are sampled as these are.
+    pub sampled: f64,
+}
+
+/// Two stands for the two axes: each a rig of its own, with its own board and line. They are told the same ticks.
+///
+/// # Errors
+/// [`ControllerError`] if one of them does not do what it should.
+pub async fn drive(file: &RigFile, task: Task, kx: [u8; 2], tau_s: f64) -> Result<Contour, ControllerError> {
+    let path = task.path();
+    let mut axes = [Vec::new(), Vec::new()];
+    for (axis, driven) in axes.iter_mut().enumerate() {
+        let counts = path.iter().map(|place| {
+            let mm = if axis == 0 { place.0 } else { place.1 };
+            (mm * COUNTS_PER_MM + 0.5).floor() as i64
+        });
+        let counts: Vec<i64> = counts.collect();
+        let before = core::iter::once(0).chain(counts.iter().copied());
+        let increments: Vec<i8> = counts.iter().zip(before).map(|(to, from)| (to - from) as i8).collect();
+        let mut controller = Controller::connect(RigLine::start(file, &Driver::InProcess).await?).await?;
+        controller.set_gain(Gain::Kx, kx[axis]).await?;
+        controller.download(&increments, |_, _| {}).await?;
+        let run = controller.run(increments.len(), |sample| {
+            driven.push((counts[sample.tick - 1] - sample.error) as f64 / COUNTS_PER_MM);
+            true
+        });
+        if run.await? != Ended::Completed {
+            let on = format!("axis {axis}");
+            return Err(ControllerError::Silent { on, ticks: driven.len(), of: increments.len() });
+        }
+    }
+    let [x, y] = axes;
+    let driven: Vec<Place> = x.into_iter().zip(y).collect();
+    let axes = Axes { kv: kx.map(|kx| f64::from(kx) / SIXTEENTHS * COUNTS_PER_S_PER_LSB), tau_s };
+    Ok(Contour {
+        task,
+        axes,
+        measured: task.measured(&driven),
+        predicted: task.predicted(axes),
+        sampled: task.measured(&task.sampled(axes)),
+        driven,
+    })
+}
+
+impl Contour {
+    /// By how much the picture magnifies what leaves the path.
+    fn times(&self) -> f64 {
+        match self.task.shape {
+            // Of a corner the picture is close up.
+            Shape::Corner | Shape::Points => 1.0,
+            Shape::Line(_) | Shape::Straight | Shape::Circle(_) => 100.0,
+        }
+    }
+
+    /// The name of the path.
+    pub const fn name(&self) -> &'static str {
+        match self.task.shape {
+            Shape::Corner => "corner",
+            Shape::Line(_) => "line",
+            Shape::Circle(_) => "circle",
+            Shape::Points => "point to point",
+            Shape::Straight => "contour",
+        }
+    }
+
+    /// For people, in one line.
+    pub fn text(&self) -> String {
+        let formulas = self.predicted.map_or_else(String::new, |[ideal, lag]| {
+            format!(", formula {ideal:7.4} mm, with the motors' lag {lag:7.4} mm")
+        });
+        let Self { measured, sampled, .. } = self;
+        format!("{:<15} deviation {measured:7.4} mm; sampled loop {sampled:7.4} mm{formulas}\n", self.name())
+    }
+
+    /// The asked path and the driven one, with what it leaves magnified.
+    pub fn panel(&self) -> Panel {
+        let times = self.times();
+        let driven = self.task.magnified(&self.driven, times);
+        let name = if times > 1.0 { format!("driven, deviation x {times}") } else { "driven".to_owned() };
+        let [kvx, kvy] = self.axes.kv;
+        Panel {
+            x: format!("x, mm ({}, KV {kvx:.1} and {kvy:.1} 1/s)", self.name()),
+            y: "y, mm".to_owned(),
+            height: 2.0,
+            series: vec![
+                Series::new("asked", Style::Dashed, self.task.asked()),
+                Series::new(name, Style::Line, driven),
+            ],
+        }
+    }
+}
+
+/// The pictures of several paths, one below the other.
+pub fn figure(contours: &[Contour]) -> Figure {
+    Figure { title: "Dynamic path deviation".to_owned(), panels: contours.iter().map(Contour::panel).collect() }
+}

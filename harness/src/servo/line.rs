@@ -1,0 +1,239 @@
+//! The serial line to the controller: of a rig, in virtual time, or of this computer.
+
+use std::collections::VecDeque;
+use std::io;
+use std::time::Duration;
+
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio_serial::{ClearBuffer, SerialPort, SerialPortBuilderExt, SerialStream};
+use torno_protocol::board::Stimulus;
+use torno_protocol::servo::{BAUD, CHARACTER};
+use torno_protocol::time::{Instant, Span};
+
+use crate::engine::{Fact, Limit};
+use crate::pc::{PcEvent, PcUart};
+use crate::rig::file::RigFile;
+use crate::rig::{Driver, Rig, RigError};
+
+/// Virtual time goes no further at once while an answer is awaited.
+const SLICE: Span = Span::from_millis(20);
+/// The PC begins so long after the rig has started: a receiver wants to see an idle line first.
+const BEGIN: Span = Span::from_millis(10);
+/// Bytes that are handed to a serial port at once, so that progress can be told.
+const PORTION: usize = 64;
+/// How far a serial port's driver may be ahead of its line.
+const AHEAD: Duration = Duration::from_millis(40);
+
+/// Why nothing goes over the line.
+#[derive(Debug, thiserror::Error)]
+pub enum LineError {
+    /// The port cannot be opened.
+    #[error("cannot open the serial port '{port}'")]
+    Open {
+        /// The port.
+        port: String,
+        /// Why.
+        source: tokio_serial::Error,
+    },
+    /// The port failed.
+    #[error("the serial port '{port}' failed")]
+    Port {
+        /// The port.
+        port: String,
+        /// Why.
+        source: io::Error,
+    },
+    /// The rig broke.
+    #[error(transparent)]
+    Rig(#[from] RigError),
+}
+
+/// A serial line as seen from the PC.
+pub trait Line {
+    /// Sends bytes, and tells of each part that has gone; returns when all are on the line.
+    fn send(&mut self, bytes: &[u8], gone: impl FnMut(usize)) -> impl Future<Output = Result<(), LineError>>;
+
+    /// What has come; if nothing has, waits for it, but no longer than `patience`. Empty: nothing came.
+    fn receive(&mut self, patience: Duration) -> impl Future<Output = Result<Vec<u8>, LineError>>;
+
+    /// Lets time pass.
+    fn rest(&mut self, time: Duration) -> impl Future<Output = Result<(), LineError>>;
+
+    /// Where it goes, for people.
+    fn name(&self) -> &str;
+}
+
+/// The line of a rig, in virtual time.
+pub struct RigLine {
+    rig: Rig,
+    name: String,
+    now: Instant,
+    /// Bytes of the PC that are not on the line yet.
+    queued: usize,
+    received: VecDeque<u8>,
+    /// The quantities of the boards, as telemetry has told them: board, quantity, value.
+    watcher: Option<Watcher>,
+}
+
+/// Hears of every value that a board tells: when, the board, the quantity, the value.
+pub type Watcher = Box<dyn FnMut(Instant, &str, &str, i64)>;
+
+impl RigLine {
+    /// Starts a rig.
+    ///
+    /// # Errors
+    /// [`LineError::Rig`].
+    pub async fn start(file: &RigFile, driver: &Driver) -> Result<Self, LineError> {
+        let uart = PcUart::new(file.pc.baud, file.pc.tx_fifo, file.pc.clock);
+        let rig = Rig::start(file, driver, uart).await?;
+        let name = format!("the rig '{}'", file.name);
+        let now = Instant::START + BEGIN;
+        Ok(Self { rig, name, now, queued: 0, received: VecDeque::new(), watcher: None })
+    }
+
+    /// Tells `watcher` every value from now on.
+    pub fn watch(&mut self, watcher: Watcher) {
+        self.watcher = Some(watcher);
+    }
+
+    /// The rig, for whoever breaks it.
+    pub const fn rig(&mut self) -> &mut Rig {
+        &mut self.rig
+    }
+
+    /// How far virtual time has gone.
+    pub const fn now(&self) -> Instant {
+        self.now
+    }
+
+    async fn advance(&mut self, until: Instant) -> Result<(), LineError> {
+        while self.rig.step(Limit::until(until)).await? {
+            self.note();
+        }
+        self.note();
+        self.now = until;
+        // Whatever may end this must have its turn.
+        tokio::task::yield_now().await;
+        Ok(())
+    }
+
+    fn note(&mut self) {
+        self.rig.take_inputs();
+        self.rig.take_incidents();
+        for fact in self.rig.take_facts() {
+            match fact {
+                Fact::Event { node, event, value, .. } if node == self.rig.pc() => {
+                    match PcEvent::from_numbers(event, value) {
+                        Some(PcEvent::Sent(_)) => self.queued = self.queued.saturating_sub(1),
+                        Some(PcEvent::Received(byte) | PcEvent::Garbled(byte)) => self.received.push_back(byte),
+                        None => {}
+                    }
+                }
+                Fact::Telemetry { node, at, signal, value } => {
+                    if let Some(watcher) = &mut self.watcher {
+                        let node = &self.rig.nodes()[node];
+                        let quantity = &node.description.signals[usize::from(signal)].name;
+                        watcher(at, &node.name, quantity, value);
+                    }
+                }
+                Fact::Event { .. } | Fact::Edges { .. } => {}
+            }
+        }
+    }
+}
+
+impl Line for RigLine {
+    async fn send(&mut self, bytes: &[u8], mut gone: impl FnMut(usize)) -> Result<(), LineError> {
+        self.queued += bytes.len();
+        let pc = self.rig.pc();
+        self.rig.stimulate(pc, self.now, Stimulus::Write(bytes.to_vec()));
+        let mut left = self.queued;
+        while self.queued > 0 {
+            self.advance(self.now + CHARACTER.times(self.queued.min(PORTION) as u64)).await?;
+            gone(left - self.queued);
+            left = self.queued;
+        }
+        // The last one is on the line for a character's time.
+        self.advance(self.now + CHARACTER).await
+    }
+
+    async fn receive(&mut self, patience: Duration) -> Result<Vec<u8>, LineError> {
+        let deadline = self.now + span(patience);
+        while self.received.is_empty() && self.now < deadline {
+            self.advance(deadline.min(self.now + SLICE)).await?;
+        }
+        Ok(self.received.drain(..).collect())
+    }
+
+    async fn rest(&mut self, time: Duration) -> Result<(), LineError> {
+        self.advance(self.now + span(time)).await
+    }
+
+    fn name(&self) -> &str {
+        &self.name
+    }
+}
+
+fn span(time: Duration) -> Span {
+    Span::from_nanos(u64::try_from(time.as_nanos()).unwrap_or(u64::MAX))
+}
+
+/// A serial port of this computer.
+#[derive(Debug)]
+pub struct SerialLine {
+    port: SerialStream,
+    name: String,
+    /// When the line will have sent all that it has been given.
+    free_at: tokio::time::Instant,
+}
+
+impl SerialLine {
+    /// Opens a port, at the controller's speed. It is released when this is dropped.
+    ///
+    /// # Errors
+    /// [`LineError::Open`].
+    pub fn open(port: &str) -> Result<Self, LineError> {
+        let name = port.to_owned();
+        let open = tokio_serial::new(port, BAUD).open_native_async();
+        let open = open.and_then(|stream| stream.clear(ClearBuffer::Input).map(|()| stream));
+        let port = open.map_err(|source| LineError::Open { port: name.clone(), source })?;
+        Ok(Self { port, name, free_at: tokio::time::Instant::now() })
+    }
+
+    fn failed(&self, source: io::Error) -> LineError {
+        LineError::Port { port: self.name.clone(), source }
+    }
+}
+
+impl Line for SerialLine {
+    async fn send(&mut self, bytes: &[u8], mut gone: impl FnMut(usize)) -> Result<(), LineError> {
+        self.free_at = self.free_at.max(tokio::time::Instant::now());
+        for portion in bytes.chunks(PORTION) {
+            self.port.write_all(portion).await.map_err(|error| self.failed(error))?;
+            self.free_at += Duration::from_nanos(CHARACTER.as_nanos()) * portion.len() as u32;
+            tokio::time::sleep_until(self.free_at - AHEAD).await;
+            gone(portion.len());
+        }
+        tokio::time::sleep_until(self.free_at).await;
+        Ok(())
+    }
+
+    async fn receive(&mut self, patience: Duration) -> Result<Vec<u8>, LineError> {
+        let mut bytes = [0; 256];
+        match tokio::time::timeout(patience, self.port.read(&mut bytes)).await {
+            Err(_) => Ok(Vec::new()),
+            Ok(Ok(0)) => Err(self.failed(io::ErrorKind::UnexpectedEof.into())),
+            Ok(Ok(n)) => Ok(bytes[..n].to_vec()),
+            Ok(Err(error)) => Err(self.failed(error)),
+        }
+    }
+
+    async fn rest(&mut self, time: Duration) -> Result<(), LineError> {
+        tokio::time::sleep(time).await;
+        Ok(())
+    }
+
+    fn name(&self) -> &str {
+        &self.name
+    }
+}

@@ -1,0 +1,360 @@
+//! The servo stand: the board and its loop over the real line, the PC program on the rig and at serial ports.
+
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
+#![allow(clippy::disallowed_methods, reason = "how long a port takes is measured by the wall clock")]
+
+mod common;
+
+use std::cell::RefCell;
+use std::fs;
+use std::io::{Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::Output;
+use std::rc::Rc;
+use std::time::{Duration, Instant};
+
+use common::{Up, folder, json, output};
+use torno::rig::Driver;
+use torno::rig::file::RigFile;
+use torno::servo::{Controller, Ended, Gain, RigLine, Sample, contour};
+use torno_servo::contour::{Shape, Task};
+use torno_servo::{Limits, compile};
+
+/// What a run has come to.
+struct Run {
+    ended: Ended,
+    samples: Vec<Sample>,
+    set_points: Vec<i64>,
+    /// The board's own following error each time it changed, without the PC's byte in between.
+    told: Vec<i64>,
+    position: i64,
+}
+
+/// Runs a program on the real board, over the real line, with these gains and settings.
+fn run(text: &str, kx: u8, kv: u8, settings: &[&str]) -> Run {
+    let file = RigFile::load("servo").unwrap();
+    let file = settings.iter().fold(file, |file, set| file.set(set).unwrap());
+    let program = compile(text, &Limits::default()).program.unwrap();
+    let increments = program.increments(125.0);
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let mut line = RigLine::start(&file, &Driver::InProcess).await.unwrap();
+        let told = Rc::new(RefCell::new((Vec::new(), 0)));
+        let seen = Rc::clone(&told);
+        line.watch(Box::new(move |_, _, quantity, value| match quantity {
+            "error_counts" => seen.borrow_mut().0.push(value),
+            "position_counts" => seen.borrow_mut().1 = value,
+            _ => {}
+        }));
+        let mut controller = Controller::connect(line).await.unwrap();
+        assert_eq!(controller.set_gain(Gain::Kx, kx).await.unwrap(), kx);
+        assert_eq!(controller.set_gain(Gain::Kv, kv).await.unwrap(), kv);
+        controller.download(&increments, |_, _| {}).await.unwrap();
+        let mut samples = Vec::new();
+        let ended = controller.run(increments.len(), |sample| {
+            samples.push(sample);
+            true
+        });
+        let ended = ended.await.unwrap();
+        // It settles.
+        controller.check_link().await.unwrap();
+        drop(controller);
+        let (told, position) = Rc::try_unwrap(told).unwrap().into_inner();
+        Run { ended, samples, set_points: program.set_points(125.0).collect(), told, position }
+    })
+}
+
+fn mean(samples: &[Sample]) -> f64 {
+    samples.iter().map(|sample| sample.error as f64).sum::<f64>() / samples.len() as f64
+}
+
+#[test]
+fn the_steady_following_error_is_what_the_gains_predict() {
+    for (kx, kv, expected) in [(16, 0, 76.2), (20, 0, 61.0), (32, 0, 38.1), (20, 98, 30.3), (20, 195, 0.0)] {
+        let Run { ended, samples, .. } = run("x20 t2\ne", kx, kv, &[]);
+        let found = mean(&samples[200..390]);
+        assert!((found - expected).abs() <= 1.0, "Kx {kx}, Kv {kv}: {found}, expected {expected}");
+        assert_eq!((ended, samples.len()), (Ended::Completed, 400));
+    }
+}
+
+#[test]
+fn beyond_a_byte_the_telemetry_wraps_and_the_error_is_found_again() {
+    let Run { samples, told, .. } = run("x32 t2\ne", 12, 0, &[]);
+    let Sample { error, shown, .. } = samples[349];
+    assert!((error - 162).abs() <= 1, "{error}");
+    assert_eq!(i64::from(shown), error - 256);
+    // Each error that the PC makes of its bytes is one that the board had.
+    assert!(samples.iter().all(|sample| told.contains(&sample.error)));
+    // At Kx 16 it is right, once the motor has caught up.
+    let Run { samples, .. } = run("x32 t2\ne", 16, 0, &[]);
+    assert!(samples[100..].iter().all(|sample| sample.error == i64::from(sample.shown)));
+}
+
+#[test]
+fn feed_forward_all_but_removes_the_error_of_ramps() {
+    let greatest = |kv| {
+        let samples = run("p0 k10 x5\nx10 t1\np10 k0 x5\ne", 20, kv, &[]).samples;
+        samples.iter().map(|sample| sample.error.abs()).max().unwrap()
+    };
+    let (without, with) = (greatest(0), greatest(195));
+    assert!((61..=63).contains(&without) && (2..=4).contains(&with), "{without} {with}");
+}
+
+/// Type 1, gain KV = 20.5 1/s: the mean of a parabola's error over its last tenth, beside the formula's.
+#[test]
+fn an_acceleration_lags_as_the_formula_says() {
+    let Run { samples, .. } = run("p0 k5 x2\ne", 20, 0, &["servo.plant.tau_s=0.001"]);
+    let kv = 20.0 / 16.0 * 16.404_199_48;
+    let error = |t: f64| 6.25 / kv * (t - (1.0 - (-kv * t).exp()) / kv) * 125.0;
+    let (from, to) = (140, 160);
+    let expected = (from..to).map(|tick| error((tick + 1) as f64 * 0.005)).sum::<f64>() / (to - from) as f64;
+    let found = mean(&samples[from..to]);
+    // Half a count is the encoder's; the loop is sampled.
+    assert!((found - expected).abs() < 1.0, "{found} {expected}");
+}
+
+#[test]
+fn damping_lags_where_feed_forward_leads() {
+    let steady = |kv_on: &str| {
+        let set = format!("servo.controller.kv_on={kv_on}");
+        mean(&run("x20 t2\ne", 20, 98, &[&set]).samples[200..390])
+    };
+    let (feed_forward, damping) = (steady("set-point"), steady("position"));
+    assert!((feed_forward - 30.3).abs() <= 1.0 && (damping - 91.7).abs() <= 1.5, "{feed_forward} {damping}");
+}
+
+#[test]
+fn every_program_of_the_sheet_ends_where_it_should() {
+    for (text, start) in [
+        ("x10 t2\nx0 t1\ne", 0),
+        ("p0 k5 x2\nx10 t2\np5 k0 x2\nx0 t1\ne", 0),
+        ("p5 k0 x1\np0 k-5 x-1\nx0 t1\ne", 0),
+        ("p0 k3 x1\nx0 t1\ne", 0),
+    ] {
+        let Run { ended, set_points, position, .. } = run(text, 16, 0, &[]);
+        let expected = start + set_points.last().unwrap();
+        assert_eq!(ended, Ended::Completed, "{text}");
+        assert!((position - expected).abs() <= 1, "{text}: {position}, expected {expected}");
+    }
+}
+
+#[test]
+fn what_leaves_the_travel_ends_early() {
+    let Run { ended, samples, position, .. } = run("x1 t1\nx-2 t2\ne", 16, 0, &[]);
+    assert_eq!(ended, Ended::Early);
+    assert!((399..=401).contains(&samples.len()) && position.abs() <= 1, "{} {position}", samples.len());
+}
+
+fn written(folder: &Path, text: impl AsRef<[u8]>) -> String {
+    let path = folder.join("program.txt");
+    fs::write(&path, text).unwrap();
+    path.to_str().unwrap().to_owned()
+}
+
+fn servo(arguments: &[&str]) -> Output {
+    output(&[&["servo"], arguments].concat())
+}
+
+fn told(output: &Output) -> (Option<i32>, String, String) {
+    let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).unwrap();
+    (output.status.code(), text(&output.stdout), text(&output.stderr))
+}
+
+#[test]
+fn check_underlines_each_fault_and_says_how_it_ended() {
+    let folder = folder();
+    let program = written(folder.path(), "x10 t2\r\n\tX10 t2\r\np5 k-5 x2\r\ne\r\n");
+    let expected = format!(
+        "{program}:2:2: w linii 2 napotkano nieznany parametr\n 2 | \tX10 t2\n   | \t^^^\n\
+         {program}:3:1: w linii numer 3 szybkość zmienia znak\n 3 | p5 k-5 x2\n   | ^^^^^^^^^\n\
+         kompilacja przerwana\n"
+    );
+    assert_eq!(told(&servo(&["check", "--lang", "pl", &program])), (Some(1), expected, String::new()));
+    let program = written(folder.path(), "x10 t2\ne\n");
+    let complete = |lang| told(&servo(&["check", "--lang", lang, &program])).1;
+    assert_eq!((complete("pl"), complete("en")), ("kompilacja kompletna\n".into(), "compilation complete\n".into()));
+    let found = json(&servo(&["check", "--json", &program]));
+    assert_eq!((found["ticks"].as_u64(), found["seconds"].as_f64()), (Some(400), Some(2.0)));
+}
+
+#[test]
+fn a_file_that_is_no_text_or_not_there_is_broken_input() {
+    let folder = folder();
+    let program = written(folder.path(), b"x10 t2\n\xff\xfe\ne\n");
+    let (code, out, error) = told(&servo(&["check", &program]));
+    assert_eq!((code, out), (Some(2), String::new()));
+    assert!(error.contains("line 2") || error.contains(":2"), "{error}");
+    let (code, _, error) = told(&servo(&["check", "nothing.txt"]));
+    assert!(code == Some(2) && error.contains("cannot read the program 'nothing.txt'"), "{error}");
+}
+
+#[test]
+fn plot_draws_the_way_over_time() {
+    let folder = folder();
+    let program = written(folder.path(), "p0 k5 x2\nx10 t2\np5 k0 x2\ne\n");
+    let picture = folder.path().join("out.svg");
+    let (code, out, error) = told(&servo(&["plot", &program, "-o", picture.to_str().unwrap()]));
+    assert_eq!((code, out, error), (Some(0), String::new(), String::new()));
+    let svg = fs::read_to_string(picture).unwrap();
+    assert!(svg.starts_with("<svg") && svg.contains("s, mm") && svg.contains("t, s"));
+    assert_eq!(told(&servo(&["plot", &program])).1, svg);
+}
+
+#[test]
+fn run_reports_draws_and_writes_the_data() {
+    let folder = folder();
+    let program = written(folder.path(), "x32 t2\nx0 t0.5\ne\n");
+    let [picture, data] = ["out.svg", "out.csv"].map(|name| folder.path().join(name));
+    let files = ["-o", picture.to_str().unwrap(), "--csv", data.to_str().unwrap()];
+    let report = json(&servo(&[&["run", &program, "--kx", "12", "--kv", "0", "--json"], &files[..]].concat()));
+    assert_eq!((report["kx"].as_u64(), report["ticks"].as_u64()), (Some(12), Some(500)));
+    assert_eq!((report["outcome"].as_str(), report["set_counts"].as_i64()), (Some("completed"), Some(4_000)));
+    assert!(report["wrapped_samples"].as_u64().unwrap() > 300);
+    assert!(fs::read_to_string(picture).unwrap().contains("as shown by one byte"));
+    let data = fs::read_to_string(data).unwrap();
+    assert_eq!(data.lines().count(), 501);
+    assert!(data.starts_with("time_s,set_mm,actual_mm,error_counts,shown_counts\n0.005,0.080,0.000,10,10\n"), "{data}");
+}
+
+#[test]
+fn what_cannot_be_driven_is_not_sent() {
+    let folder = folder();
+    let program = written(folder.path(), "x1 t1\nx-2 t2\ne\n");
+    let (code, out, error) = told(&servo(&["run", &program]));
+    assert_eq!((code, out), (Some(1), String::new()));
+    assert!(
+        error.contains("line 2 goes to -1 mm") && error.ends_with("nothing is sent to the controller\n"),
+        "{error}"
+    );
+    let (code, out, _) = told(&servo(&["run", "--force", &program]));
+    assert!(code == Some(1) && out.contains("ended early by the controller"), "{out}");
+}
+
+#[test]
+fn each_machine_has_its_own_program() {
+    let (code, _, error) = told(&output(&["run", "servo"]));
+    let expected = "'torno run' plays frames of the lathe, and the rig 'servo' speaks servo: use 'torno servo run'";
+    assert!(code == Some(2) && error.contains(expected), "{error}");
+    let folder = folder();
+    let program = written(folder.path(), "x10 t2\ne\n");
+    let (code, _, error) = told(&servo(&["run", "--rig", "lathe", &program]));
+    assert!(code == Some(2) && error.contains("the rig 'lathe' speaks lathe, not servo: use 'torno run'"), "{error}");
+}
+
+#[test]
+fn at_a_serial_port_it_is_the_same() {
+    let up = Up::start(&["servo"]);
+    let port = up.link();
+    let port = port.to_str().unwrap();
+    let folder = folder();
+    let program = written(folder.path(), "x4 t0.5\nx0 t0.3\ne\n");
+    // The first port is not there; the second has the controller.
+    let output = servo(&["run", &program, "--port", "/dev/nowhere", "--port", port, "--kx", "20", "--json"]);
+    let report = json(&output);
+    assert_eq!((report["outcome"].as_str(), report["ticks"].as_u64()), (Some("completed"), Some(160)));
+    assert_eq!((report["set_counts"].as_i64(), report["kx"].as_u64()), (Some(500), Some(20)));
+    assert!(told(&output).2.contains("cannot open the serial port '/dev/nowhere'"));
+    // The port is free again, and the controller has kept what it was told.
+    let (code, out, _) = told(&servo(&["link", "--port", port, "--lang", "pl"]));
+    assert_eq!((code, out), (Some(0), format!("sterownik połączony: {port}\nKx 20, Kv 0\n")));
+}
+
+/// A terminal: its master side, and the path of the other.
+fn pty() -> (fs::File, PathBuf) {
+    use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+    let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
+    grantpt(&master).and_then(|()| unlockpt(&master)).unwrap();
+    let path = PathBuf::from(ptsname(&master, Vec::new()).unwrap().into_string().unwrap());
+    (master.into(), path)
+}
+
+/// What `torno servo link` says of a port at which somebody answers so, and how long it took.
+fn answered(answer: &'static [u8]) -> (Option<i32>, String, Duration) {
+    let (mut master, path) = pty();
+    let answering = std::thread::spawn(move || {
+        let mut byte = [0];
+        // After the client has gone there is nothing to read.
+        while master.read(&mut byte).is_ok_and(|n| n > 0) {
+            if byte == *b"C" {
+                master.write_all(answer).unwrap();
+            }
+        }
+    });
+    let begun = Instant::now();
+    let (code, _, error) = told(&servo(&["link", "--port", path.to_str().unwrap(), "--lang", "pl"]));
+    let took = begun.elapsed();
+    drop(answering);
+    (code, error, took)
+}
+
+#[test]
+fn a_port_without_a_controller_is_told_within_two_seconds() {
+    let (code, error, took) = answered(b"");
+    assert!(code == Some(1) && error.contains("no answer from the controller on /dev/pts/"), "{error}");
+    assert!(error.ends_with("Brak odpowiedzi sterownika !\n") && took < Duration::from_secs(2), "{error} {took:?}");
+    let (code, error, _) = answered(b"AT\r\n");
+    assert!(code == Some(1) && error.contains("expected 63 ('c'), found 41"), "{error}");
+    let (code, _, error) = told(&servo(&["link", "--port", "/dev/nowhere"]));
+    assert!(code == Some(2) && error.contains("cannot open the serial port '/dev/nowhere'"), "{error}");
+}
+
+#[test]
+fn a_controller_that_falls_silent_in_mid_run_is_told() {
+    let file = RigFile::load("servo").unwrap();
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let line = RigLine::start(&file, &Driver::InProcess).await.unwrap();
+        let mut controller = Controller::connect(line).await.unwrap();
+        controller.download(&[4; 400], |_, _| {}).await.unwrap();
+        let rig = controller.line();
+        let (board, at) = (0, rig.now() + torno_protocol::time::Span::from_secs(1));
+        rig.rig().stimulate(board, at, torno_protocol::board::Stimulus::Power(false));
+        let error = controller.run(400, |_| true).await.unwrap_err().to_string();
+        assert_eq!(error, "the controller on the rig 'servo' has fallen silent after 200 of 400 ticks");
+        assert!(controller.line().now() < at + torno_protocol::time::Span::from_secs(2));
+    });
+}
+
+#[test]
+fn a_run_that_is_stopped_ends_at_once() {
+    let file = RigFile::load("servo").unwrap();
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let line = RigLine::start(&file, &Driver::InProcess).await.unwrap();
+        let mut controller = Controller::connect(line).await.unwrap();
+        controller.download(&[4; 400], |_, _| {}).await.unwrap();
+        let ended = controller.run(400, |sample| sample.tick < 100).await.unwrap();
+        assert_eq!(ended, Ended::Stopped);
+        // It is at rest and answers again.
+        controller.check_link().await.unwrap();
+    });
+}
+
+/// A count is 0.008 mm; the loops are sampled, which takes a sixth of a corner's deviation that the formulas give.
+#[test]
+fn two_axes_leave_their_path_as_the_formulas_say() {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    for (tau, shape, kx, of_formula) in [
+        (0.001, Shape::Corner, [20, 20], 0.008 + 0.0132),
+        (0.03, Shape::Corner, [20, 20], 0.008 + 0.0132),
+        (0.03, Shape::Line(45.0), [20, 18], 0.008),
+        (0.03, Shape::Straight, [20, 18], 0.008),
+        (0.001, Shape::Circle(10.0), [20, 20], 0.008),
+        (0.03, Shape::Circle(10.0), [20, 20], 0.008),
+        (0.001, Shape::Circle(5.0), [20, 20], 0.008),
+    ] {
+        let file = RigFile::load("servo").unwrap().set(&format!("servo.plant.tau_s={tau}")).unwrap();
+        let task = Task { shape, speed_mm_s: 10.0 };
+        let contour = runtime.block_on(contour::drive(&file, task, kx, tau)).unwrap();
+        let (found, sampled) = (contour.measured, contour.sampled);
+        let [_, formula] = contour.predicted.unwrap();
+        assert!((found - sampled).abs() < 0.008, "{shape:?}, tau {tau}: {found}, sampled {sampled}");
+        assert!((found - formula).abs() < of_formula, "{shape:?}, tau {tau}: {found}, formula {formula}");
+    }
+    // From point to point the path is 4.5 mm off the line, which contour control keeps to within some hundredths.
+    let file = RigFile::load("servo").unwrap();
+    let task = Task { shape: Shape::Points, speed_mm_s: 10.0 };
+    let contour = runtime.block_on(contour::drive(&file, task, [20, 18], 0.03)).unwrap();
+    assert!((4.2..4.5).contains(&contour.measured), "{}", contour.measured);
+}
