@@ -234,7 +234,7 @@ fn what_cannot_be_driven_is_not_sent() {
 #[test]
 fn each_machine_has_its_own_program() {
     let (code, _, error) = told(&output(&["run", "servo"]));
-    let expected = "'torno run' plays frames of the lathe, and the rig 'servo' speaks servo: use 'torno servo run'";
+    let expected = "is for rigs that speak lathe, and the rig 'servo' speaks servo: use 'torno servo run'";
     assert!(code == Some(2) && error.contains(expected), "{error}");
     let folder = folder();
     let program = written(folder.path(), "x10 t2\ne\n");

@@ -39,7 +39,9 @@ struct Candidate {
 
 impl Candidate {
     fn load(rig: &str) -> anyhow::Result<Self> {
-        Ok(Self { file: RigFile::load(rig)?, set: Vec::new() })
+        let file = RigFile::load(rig)?;
+        super::plays_frames(&file)?;
+        Ok(Self { file, set: Vec::new() })
     }
 
     fn set(&mut self, text: &str) -> Result<(), String> {

@@ -168,6 +168,18 @@ fn load_rig(rig: &str, set: &[String]) -> anyhow::Result<RigFile> {
     })
 }
 
+/// Refuses a rig whose PC sends no frames of the lathe.
+fn plays_frames(file: &RigFile) -> anyhow::Result<()> {
+    let (wanted, name, dialect) = (Program::DIALECT, &file.name, &file.dialect);
+    anyhow::ensure!(
+        dialect.name() == wanted,
+        "a program of frames is for rigs that speak {wanted}, and the rig '{name}' speaks {}: use '{}'",
+        dialect.name(),
+        dialect.player()
+    );
+    Ok(())
+}
+
 /// The program in a file, or the demonstration; with its name.
 fn load_program(path: Option<&Path>) -> anyhow::Result<(String, Program)> {
     let Some(path) = path else {

@@ -13,7 +13,7 @@ use torno::play::{Finale, Play};
 use torno::report::page::Page;
 use torno::report::{Bar, BoardSummary, Cut, Frames, Stats, Summary, failures};
 use torno::trace::Header;
-use torno_protocol::lathe::{Outcome, Program};
+use torno_protocol::lathe::Outcome;
 
 use super::{
     FAILED, INTERRUPTED, Interrupt, colour, driver, load_program, load_rig, print, rig_and_program, start_recording,
@@ -62,15 +62,7 @@ impl Arguments {
         log::init("warn");
         let (rig, program) = rig_and_program(self.rig, self.program);
         let file = load_rig(&rig, &self.set)?;
-        if file.dialect.name() != Program::DIALECT {
-            anyhow::bail!(
-                "'torno run' plays frames of the {}, and the rig '{}' speaks {}: use '{}'",
-                Program::DIALECT,
-                file.name,
-                file.dialect.name(),
-                file.dialect.player()
-            );
-        }
+        super::plays_frames(&file)?;
         let (program_name, program) = load_program(program.as_deref())?;
         anyhow::ensure!(
             self.part.is_none() || file.part.is_some(),
