@@ -108,7 +108,7 @@ fn a_state_tells_who_waits_for_whom() {
     assert_eq!(board(&ctl(&up, &["state"]), "depth")["process"], "runs");
     let text = output(&["ctl", "--socket", &control(&up), "state"]);
     let text = String::from_utf8(text.stdout).unwrap();
-    assert!(text.starts_with("lathe at ") && text.contains("\nmaster") && text.contains("  depth  "), "{text}");
+    assert!(text.starts_with("lathe at ") && text.contains("\nmaster") && text.contains("slaves_busy"), "{text}");
     end(up);
 }
 
