@@ -228,6 +228,30 @@ fn a_file_breaks_a_live_rig() {
     assert_eq!((wrong.status.code(), stderr(&wrong).contains("faults.toml:1:1: unknown field")), (Some(2), true));
 }
 
+/// The engine waits for whoever watches; nobody else must wait with it.
+#[test]
+fn a_fault_that_waited_does_not_hold_time() {
+    let folder = folder();
+    let (faults, trace) = (folder.path().join("faults.toml"), folder.path().join("a.torno"));
+    let fault = |n: u32| {
+        format!(
+            "[[fault]]\nname = \"f{n}\"\nboard = \"depth\"\nkind = \"counts\"\nvalue = 1\n\
+             when = {{ board = \"depth\", quantity = \"position_counts\", at_least = {n} }}\n"
+        )
+    };
+    fs::write(&faults, [1, 2, 4].map(fault).concat()).unwrap();
+    let (faults, trace) = (faults.to_str().unwrap(), trace.as_path());
+    let up = Up::start(&["--pace", "max", "--faults", faults, "--record", trace.to_str().unwrap()]);
+    let mut pc = up.pc();
+    ctl(&up, &["pause"]);
+    pc.write(&[0, 0, 0, 0, 0, 0, 9, 0]);
+    ctl(&up, &["step", "20 s"]);
+    assert_eq!(board(&ctl(&up, &["state"]), "master")["telemetry"]["slaves_busy"], 0);
+    pc.expect(&[ACK, XON]);
+    end(up);
+    repeats(trace);
+}
+
 #[test]
 fn what_is_wrong_with_a_request_is_told() {
     let up = Up::start(&[]);

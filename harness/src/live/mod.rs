@@ -52,6 +52,8 @@ pub struct Live {
     faults: Faults,
     /// What the client has heard lately: faults may begin with a reply.
     replies: Replies,
+    /// What a watch has seen has been taken: the engine may have waited for that.
+    acted: bool,
     steering: Option<Steering>,
 }
 
@@ -98,6 +100,7 @@ impl Live {
             recording: None,
             faults: Faults::default(),
             replies: Replies::new(file.dialect),
+            acted: false,
             steering: None,
         })
     }
@@ -117,8 +120,13 @@ impl Live {
             return Ok(());
         }
         let until = self.now().max(self.rig.engine().frontier()).max(Instant::START.next());
-        self.rig.settle(until).await?;
-        self.note()?;
+        loop {
+            self.rig.settle(until).await?;
+            self.note()?;
+            if !core::mem::take(&mut self.acted) {
+                break;
+            }
+        }
         if let Some(Recording { mut recorder, digest, .. }) = self.recording.take() {
             let at = until - Span::from_nanos(1);
             recorder.finish(&End { digest: digest.sum().to_string(), at, outcome: "interrupted".to_owned() })?;
@@ -144,13 +152,19 @@ impl Live {
         loop {
             let allowed = self.brake.limit();
             let limit = self.slice(allowed).earlier(self.faults.next());
-            while self.rig.step(limit).await? {
+            loop {
+                while self.rig.step(limit).await? {
+                    self.deliver()?;
+                    // Whatever may end this must have its turn, even if all boards are in this process.
+                    tokio::task::yield_now().await;
+                }
                 self.deliver()?;
-                // Whatever may end this must have its turn, even if all boards are in this process.
-                tokio::task::yield_now().await;
+                // The engine waits for whoever watches; having acted, go on.
+                if !core::mem::take(&mut self.acted) {
+                    break;
+                }
             }
             self.reached = limit.until;
-            self.deliver()?;
             self.faults.go_on(&mut self.rig, limit.until);
             self.tell();
             self.hold_for_silence();
@@ -284,6 +298,7 @@ impl Live {
             }
         }
         for hit in self.rig.take_hits() {
+            self.acted = true;
             if let Some((name, since)) = self.faults.see(&mut self.rig, hit, &self.replies) {
                 log::set_time(since);
                 tracing::warn!("fault '{name}' begins");
