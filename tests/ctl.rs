@@ -223,6 +223,11 @@ fn a_file_breaks_a_live_rig() {
     let wrong = output(&["up", "--faults", faults.to_str().unwrap()]);
     assert_eq!(wrong.status.code(), Some(2));
     assert!(stderr(&wrong).contains("faults.toml:2:9: there is no board 'dept': did you mean 'depth'?"));
+    let twice = "[[fault]]\nboard = \"depth\"\nkind = \"stall\"\n".repeat(2);
+    write(&twice);
+    let wrong = output(&["up", "--faults", faults.to_str().unwrap()]);
+    assert_eq!(wrong.status.code(), Some(2));
+    assert!(stderr(&wrong).contains("faults.toml:6:8: there is a fault 'depth stall' already"), "{}", stderr(&wrong));
     write("name = \"no faults\"\n");
     let wrong = output(&["up", "--faults", faults.to_str().unwrap()]);
     assert_eq!((wrong.status.code(), stderr(&wrong).contains("faults.toml:1:1: unknown field")), (Some(2), true));
@@ -239,11 +244,14 @@ fn a_fault_that_waited_does_not_hold_time() {
              when = {{ board = \"depth\", quantity = \"position_counts\", at_least = {n} }}\n"
         )
     };
-    fs::write(&faults, [1, 2, 4].map(fault).concat()).unwrap();
+    let later = "[[fault]]\nname = \"later\"\nboard = \"depth\"\nkind = \"stall\"\nat = \"1 s\"\n";
+    fs::write(&faults, [1, 2, 4].map(fault).concat() + later).unwrap();
     let (faults, trace) = (faults.to_str().unwrap(), trace.as_path());
     let up = Up::start(&["--pace", "max", "--faults", faults, "--record", trace.to_str().unwrap()]);
     let mut pc = up.pc();
     ctl(&up, &["pause"]);
+    // One that has not begun is healed for good.
+    ctl(&up, &["heal", "later"]);
     pc.write(&[0, 0, 0, 0, 0, 0, 9, 0]);
     ctl(&up, &["step", "20 s"]);
     assert_eq!(board(&ctl(&up, &["state"]), "master")["telemetry"]["slaves_busy"], 0);

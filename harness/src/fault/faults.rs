@@ -133,7 +133,11 @@ impl Faults {
                 return Err(HealError::Unknown { nearest: nearest(name, &known) });
             }
         }
-        Ok(self.broken.remove(name).map_or(at, |broken| broken.heal(rig, at)))
+        // One that is still to begin ends when it does.
+        Ok(self.broken.remove(name).map_or(at, |broken| {
+            let at = at.max(broken.since);
+            broken.heal(rig, at)
+        }))
     }
 
     /// The faults that last at `at`, and those that are still to begin: since when and until when, as far as that is

@@ -104,8 +104,13 @@ pub fn load(path: &Path, names: &Names) -> Result<Vec<Planned>, FaultFileError> 
     let invalid = |(span, message): Complaint| Invalid::at(&name, &text, span, message);
     let raw: RawFile = toml::from_str(&text).map_err(|error| invalid(text::of_toml(&error)))?;
     let mut dice = Dice::new(raw.seed);
-    let planned = raw.fault.iter().map(|fault| fault.plan(names, &mut dice));
-    Ok(planned.collect::<Result<_, _>>().map_err(invalid)?)
+    let mut all: Vec<Planned> = Vec::new();
+    for raw in &raw.fault {
+        let planned = raw.plan(names, &mut dice).map_err(invalid)?;
+        raw.bear_its_own_name(&planned.fault, all.iter().map(|planned| &planned.fault)).map_err(invalid)?;
+        all.push(planned);
+    }
+    Ok(all)
 }
 
 impl RawFault {
