@@ -393,26 +393,32 @@ impl<'a> Conductor<'a> {
         Ok(Outcome { failures: self.failures, digest, end, replies })
     }
 
+    /// When the scenario is over, if the rig is quiet.
+    fn quiet_end(&self) -> Option<Instant> {
+        let engine = self.rig.engine();
+        engine.is_quiet().then(|| engine.quiet_since().next().max(self.now))
+    }
+
     /// Lets everything happen until the rig is quiet, but nothing after `limit`. Says when that is.
     async fn fall_quiet(&mut self, limit: Instant) -> Result<Instant, SessionError> {
         let limit = limit.max(self.now);
         if self.rig.engine().is_undisturbed() && self.faults.next().is_none() && self.slice.is_none() {
             // Nobody has to be asked on the way whether it is over.
             while !self.rig.engine().is_quiet() && self.rig.step(Limit::until(limit)).await? {}
-            let quiet = self.rig.engine().is_quiet();
-            let end = if quiet { self.rig.engine().quiet_since().next().max(self.now) } else { limit };
+            let quiet = self.quiet_end();
+            let end = quiet.unwrap_or(limit);
             // Boards that are mute may have told more of themselves than the scenario lasts.
             let mut facts = self.rig.take_facts();
             facts.retain(|fact| fact.at() < end);
             self.take_note(facts, end)?;
-            if quiet {
+            if quiet.is_some() {
                 return Ok(end);
             }
         }
         loop {
             self.advance(self.now, None).await?;
-            if self.rig.engine().is_quiet() {
-                return Ok(self.rig.engine().quiet_since().next().max(self.now));
+            if let Some(end) = self.quiet_end() {
+                return Ok(end);
             }
             if self.now >= limit {
                 return Ok(limit);
