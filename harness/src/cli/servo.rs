@@ -10,6 +10,7 @@ use torno::observe::log;
 use torno::report::Status;
 use torno::report::plot::Figure;
 use torno::rig::Driver;
+use torno::send::SendError;
 use torno::servo::contour::{self, Contour};
 use torno::servo::controller::parts;
 use torno::servo::report::graph;
@@ -361,7 +362,7 @@ impl Place {
             match found {
                 Ok(controller) => return Ok(Ok(controller)),
                 Err(error) => {
-                    unopened &= matches!(error, ControllerError::Line(LineError::Open { .. }));
+                    unopened &= matches!(error, ControllerError::Line(LineError::Serial(SendError::Open { .. })));
                     eprintln!("torno: {:#}", anyhow::Error::new(error));
                 }
             }

@@ -14,6 +14,7 @@ use crate::engine::{Fact, Limit};
 use crate::pc::{PcEvent, PcUart};
 use crate::rig::file::RigFile;
 use crate::rig::{Driver, Rig, RigError};
+use crate::send::SendError;
 
 /// Virtual time goes no further at once while an answer is awaited.
 const SLICE: Span = Span::from_millis(20);
@@ -27,22 +28,9 @@ const AHEAD: Duration = Duration::from_millis(40);
 /// Why nothing goes over the line.
 #[derive(Debug, thiserror::Error)]
 pub enum LineError {
-    /// The port cannot be opened.
-    #[error("cannot open the serial port '{port}'")]
-    Open {
-        /// The port.
-        port: String,
-        /// Why.
-        source: tokio_serial::Error,
-    },
-    /// The port failed.
-    #[error("the serial port '{port}' failed")]
-    Port {
-        /// The port.
-        port: String,
-        /// Why.
-        source: io::Error,
-    },
+    /// The serial port.
+    #[error(transparent)]
+    Serial(#[from] SendError),
     /// The rig broke.
     #[error(transparent)]
     Rig(#[from] RigError),
@@ -191,17 +179,17 @@ impl SerialLine {
     /// Opens a port, at the controller's speed. It is released when this is dropped.
     ///
     /// # Errors
-    /// [`LineError::Open`].
+    /// [`SendError::Open`].
     pub fn open(port: &str) -> Result<Self, LineError> {
         let name = port.to_owned();
         let open = tokio_serial::new(port, BAUD).open_native_async();
         let open = open.and_then(|stream| stream.clear(ClearBuffer::Input).map(|()| stream));
-        let port = open.map_err(|source| LineError::Open { port: name.clone(), source })?;
+        let port = open.map_err(|source| SendError::Open { port: name.clone(), source })?;
         Ok(Self { port, name, free_at: tokio::time::Instant::now() })
     }
 
     fn failed(&self, source: io::Error) -> LineError {
-        LineError::Port { port: self.name.clone(), source }
+        SendError::Port { port: self.name.clone(), source }.into()
     }
 }
 
