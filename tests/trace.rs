@@ -232,6 +232,40 @@ fn boards_that_die_or_stay_stopped_are_repeated_with_the_same_digest() {
 }
 
 #[test]
+fn noise_goes_on_whoever_is_lost_and_is_repeated_with_the_same_digest() {
+    let folder = folder();
+    let faults = folder.path().join("noise.toml");
+    let cases = [
+        ("depth_to_master", "-KILL", "depth", false),
+        ("master_to_depth", "-KILL", "depth", false),
+        ("depth_to_master", "-STOP", "master", false),
+        ("master_to_depth", "-STOP", "master", true),
+        ("pc_to_master", "-STOP", "master", true),
+    ];
+    for (n, (line, signal, board, goes_on)) in cases.into_iter().enumerate() {
+        let noise = format!("[[fault]]\nline = \"{line}\"\nkind = \"noise\"\nperiod = \"2 ms\"\n");
+        fs::write(&faults, noise).unwrap();
+        let trace = folder.path().join(format!("{n}.trace"));
+        let up = Up::start(&["--pace", "5", "--faults", word(&faults), "--record", word(&trace)]);
+        // Behind the noise on its line the master may not understand; that changes nothing here.
+        let mut pc = up.pc();
+        pc.write(&LONG);
+        pc.read(1);
+        kill(signal, up.board(board));
+        up.wait_for_log(if signal == "-KILL" { "died: signal: 9" } else { "was stopped" });
+        let state = || json(&output(&["ctl", "--json", "--socket", up.ready["control"].as_str().unwrap(), "state"]));
+        let lost_at = state()["ns"].as_u64().unwrap();
+        wait_until("a second is over", || state()["ns"].as_u64().unwrap() > lost_at + 1_000_000_000);
+        if goes_on {
+            kill("-CONT", up.board(board));
+            up.wait_for_log("was continued");
+        }
+        end(up);
+        repeats(&trace);
+    }
+}
+
+#[test]
 fn a_client_that_nobody_hears_is_repeated_with_the_same_digest() {
     let folder = folder();
     let trace = folder.path().join("up.trace");
