@@ -233,6 +233,28 @@ fn a_file_breaks_a_live_rig() {
     assert_eq!((wrong.status.code(), stderr(&wrong).contains("faults.toml:1:1: unknown field")), (Some(2), true));
 }
 
+/// There is always something to do in it, but not at the cost of whoever asks.
+#[test]
+fn a_noisy_rig_at_full_speed_answers() {
+    let folder = folder();
+    let faults = folder.path().join("faults.toml");
+    let noise = |line: &str| format!("[[fault]]\nline = \"{line}\"\nkind = \"noise\"\nperiod = \"1 ms\"\n");
+    fs::write(&faults, noise("master_to_depth") + &noise("spindle_to_master")).unwrap();
+    let up = Up::start(&["--pace", "max", "--faults", faults.to_str().unwrap()]);
+    let mut pc = up.pc();
+    pc.write(&AT_REST);
+    pc.expect(&[ACK]);
+    let now = || ctl(&up, &["state"])["ns"].as_u64().unwrap();
+    let before = now();
+    wait_until("time goes on", || now() > before + 1_000_000_000);
+    // Noise that nobody hears goes on with time.
+    kill("-KILL", up.board("depth"));
+    up.wait_for_log("died: signal: 9");
+    let before = now();
+    wait_until("time goes on", || now() > before + 1_000_000_000);
+    end(up);
+}
+
 /// The engine waits for whoever watches; nobody else must wait with it.
 #[test]
 fn a_fault_that_waited_does_not_hold_time() {

@@ -30,6 +30,8 @@ const SLICE_MIN: Span = Span::from_millis(1);
 /// Boards that nothing reaches are brought up to date this often, so that none has long to catch up when something
 /// does.
 const KEEP_UP: Span = Span::from_secs(10);
+/// A rig in which something happens goes so far at once.
+const STRIDE: Span = Span::from_secs(1);
 /// So many replies are remembered for the faults that wait for one.
 const REPLIES: usize = 16;
 
@@ -164,12 +166,15 @@ impl Live {
                     break;
                 }
             }
-            self.reached = limit.until;
-            self.faults.go_on(&mut self.rig, limit.until);
+            // At full speed a silence may have held time back.
+            let went = self.rig.engine().frontier() >= limit.until;
+            self.reached = if went || !allowed.until.is_never() { limit.until } else { Instant::NEVER };
+            let now = self.now();
+            self.faults.go_on(&mut self.rig, now);
             self.tell();
             self.hold_for_silence();
             let took = self.take_waiting()? | self.obey_all().await?;
-            if !took && limit == allowed {
+            if !took && (limit == allowed || !went) {
                 self.wait().await?;
             } else {
                 self.check_pace(limit.until);
@@ -211,15 +216,19 @@ impl Live {
         Ok(())
     }
 
-    /// How far to go at once: while the UART has something to send, no further than to where it can want more after the
-    /// next thing that happens. So a stream has no gap, however late this computer looks.
+    /// How far to go at once: while something happens, no further than [`STRIDE`], so that nobody outside waits for a
+    /// rig that is slower than its pace or has no end; and while the UART has something to send, no further than to
+    /// where it can want more after the next thing that happens. So a stream has no gap, however late this computer
+    /// looks.
     fn slice(&self, allowed: Limit) -> Limit {
+        let engine = self.rig.engine();
+        let allowed = if engine.is_quiet() { allowed } else { allowed.earlier(Some(engine.frontier() + STRIDE)) };
         if self.queued == 0 || self.brake.pace() == Pace::Max {
             return allowed;
         }
         let low = BITS_PER_CHARACTER * DRIVER_LOW as u64 * 1_000_000_000 / u64::from(self.settings.baud.max(1));
         let low = Span::from_nanos(low).max(SLICE_MIN);
-        let next = self.rig.engine().next_instant().max(self.reached);
+        let next = engine.next_instant().max(self.reached);
         Limit::until(allowed.until.min(next + low))
     }
 
