@@ -170,6 +170,26 @@ fn a_seed_is_a_run_with_processes_and_without() {
     }
 }
 
+/// An edge and a sample meet in the same nanosecond once in a million characters or so.
+#[test]
+fn dense_noise_is_the_same_however_time_is_cut() {
+    let lines = ["spindle_to_master", "master_to_depth", "pc_to_master"];
+    for_all(4 * lines.len(), |n| {
+        let (seed, line) = (n / lines.len(), lines[n % lines.len()]);
+        let scenario = |step: &str| {
+            let text = format!(
+                "name = \"n\"\nseed = {seed}\nend = \"30 s\"\n{step}\
+                 [[fault]]\nline = \"{line}\"\nkind = \"noise\"\nperiod = \"300 us\"\n"
+            );
+            Scenario::parse("noise.toml", &text, None).unwrap()
+        };
+        let whole = run(&scenario(""), &Driver::InProcess).digest;
+        let step = scenario("[[step]]\ndoes = \"waits\"\nrun = \"29 s\"\n");
+        assert_eq!(whole, run(&step, &Driver::InProcess).digest, "{line}, seed {seed}");
+        assert_eq!(whole, in_slices(&step, Span::from_micros(2_777)).digest, "{line}, seed {seed}");
+    });
+}
+
 #[test]
 fn a_busy_host_changes_nothing() {
     let stop = AtomicBool::new(false);

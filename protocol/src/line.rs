@@ -148,7 +148,10 @@ mod tests {
     #[test]
     fn what_a_sample_reads_is_the_level_before_it() {
         let line = pulse();
-        assert_eq!([10, 11, 20, 21].map(|t| line.level_before(at(t))), [Level::High, Level::Low, Level::Low, Level::High]);
+        assert_eq!(
+            [10, 11, 20, 21].map(|t| line.level_before(at(t))),
+            [Level::High, Level::Low, Level::Low, Level::High]
+        );
         assert_eq!(line.steady(at(11), at(20)), Some(Level::Low));
         assert_eq!([(10, 11), (11, 21)].map(|(first, last)| line.steady(at(first), at(last))), [None, None]);
     }
