@@ -14,7 +14,6 @@ use std::time::Duration;
 use common::{ACK, LONG, NAK, SHORT, Up, XOFF, XON, folder, json, kill, output, torno, wait_until};
 use serde_json::Value;
 use serialport::SerialPort;
-use torno::pace::Pace;
 use torno::play::{Breakage, Play};
 use torno::rig::Driver;
 use torno::rig::file::RigFile;
@@ -490,12 +489,11 @@ fn cuts_and_stimuli_are_repeated_with_the_same_digest() {
     let header = Header::new(&file, "lathe", 0, Some("test"));
     let recorder = Recorder::begin(&path, Recorder::open(&path).unwrap(), &header).unwrap();
     let program = Program { frames: vec![SHORT, MEDIUM] };
-    let (driver, pace) = (Driver::InProcess, Pace::Max);
-    let play = Play { file, program, driver, pace, breakages, waveforms: false, measure: false, keep: None };
+    let play = Play { breakages, ..Play::new(file, program, Driver::InProcess) };
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-    let finale = runtime.block_on(play.record(Some(recorder), |_| ())).unwrap();
+    let played = runtime.block_on(play.record(Some(recorder), |_| (), std::future::pending())).unwrap();
     let output = on(0, &["replay", word(&path)]);
-    assert!(stdout(&output).starts_with(&format!("same digest {}", finale.digest)));
+    assert!(stdout(&output).starts_with(&format!("same digest {}", played.digest)));
     let shown = stdout(&on(0, &["trace", word(&path), "--kind", "inputs"]));
     for expected in ["fault 1: is cut", "shaft blocked", "hangs", "runs on", "is reset"] {
         assert!(shown.contains(expected), "{shown}");
