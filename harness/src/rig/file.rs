@@ -288,7 +288,7 @@ impl RigFile {
         }
         let name = raw.name.into_inner();
         let mut file = Self { name, dialect, pc, boards, links, part: None, text: String::new() };
-        file.part = raw.part.map(|part| part.check(&Names::of(&file))).transpose()?;
+        file.part = raw.part.map(|part| part.check(&Names::of(&file), &file.boards)).transpose()?;
         Ok(file)
     }
 }
