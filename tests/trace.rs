@@ -535,7 +535,7 @@ board = "master"
 kind = "slow"
 value = "300us"
 when = { line = "pc_to_master", character = 4 }
-for = "2s"
+for = "1s"
 
 [[step]]
 does = "sends a frame"

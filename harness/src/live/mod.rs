@@ -18,7 +18,7 @@ use crate::port::{LineSettings, PcPort, PortEvent};
 use crate::rig::file::RigFile;
 use crate::rig::{Driver, Rig, RigError};
 use crate::trace::{End, Recorder, RecordingError};
-use steering::{Steering, next_call};
+use steering::{Steering, log_begun, next_call};
 
 /// So many of the client's bytes wait in the driver at the most. Its settings are read with each helping, so a new
 /// speed holds at most this many characters late.
@@ -170,7 +170,9 @@ impl Live {
             let went = self.rig.engine().frontier() >= limit.until;
             self.reached = if went || !allowed.until.is_never() { limit.until } else { Instant::NEVER };
             let now = self.now();
-            self.faults.go_on(&mut self.rig, now);
+            for (name, since) in self.faults.go_on(&mut self.rig, now) {
+                log_begun(&name, since);
+            }
             self.tell();
             self.hold_for_silence();
             let took = self.take_waiting()? | self.obey_all().await?;
@@ -309,8 +311,7 @@ impl Live {
         for hit in self.rig.take_hits() {
             self.acted = true;
             if let Some((name, since)) = self.faults.see(&mut self.rig, hit, &self.replies) {
-                log::set_time(since);
-                tracing::warn!("fault '{name}' begins");
+                log_begun(&name, since);
             }
         }
         self.replies.keep_last(REPLIES);

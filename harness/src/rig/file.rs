@@ -90,7 +90,7 @@ pub struct Line {
 #[derive(Debug, thiserror::Error)]
 pub enum RigFileError {
     /// The file cannot be read.
-    #[error("cannot read the rig file '{path}' (built-in rigs: {})", built_in_names())]
+    #[error("cannot read the rig file '{path}' (built-in rigs: {})", built_in_names().join(", "))]
     Unreadable {
         /// The file.
         path: String,
@@ -110,8 +110,9 @@ pub enum RigFileError {
     Invalid(#[from] Invalid),
 }
 
-fn built_in_names() -> String {
-    BUILT_IN.map(|(name, _)| name).join(", ")
+/// The names of the rigs that are built in.
+pub fn built_in_names() -> [&'static str; 3] {
+    BUILT_IN.map(|(name, _)| name)
 }
 
 #[derive(Deserialize)]
