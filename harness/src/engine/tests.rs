@@ -474,7 +474,8 @@ proptest! {
         let stopped = Ring { stimuli: vec![], faults, losses, ..ring };
         let stimuli = stop.into_iter().zip([true, false]).map(|(at, stop)| (node, at, Stimulus::Stop(stop))).collect();
         let hung = Ring { stimuli, losses: vec![], ..stopped.clone() };
-        let cuts: Vec<Instant> = (1..3_500_000 / slice).map(|n| Instant::START + Span::from_micros(n * slice)).collect();
+        let cuts = (1..3_500_000 / slice).map(|n| Instant::START + Span::from_micros(n * slice));
+        let cuts: Vec<Instant> = cuts.collect();
         prop_assert_eq!(&stopped.run(&cuts, until), &hung.run(&[], until));
     }
 

@@ -488,7 +488,7 @@ mod tests {
             let mut t = Instant::START;
             let mut level = Level::High;
             let edges: Vec<Edge> = gaps.into_iter().map(|(gap, at_a_tick)| {
-                t = t + Span::from_nanos(gap);
+                t += Span::from_nanos(gap);
                 if at_a_tick {
                     // An edge and a sample at the same nanosecond.
                     t = ticks.at(ticks.first_from(t)) + latency;
