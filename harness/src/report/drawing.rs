@@ -60,6 +60,9 @@ const STYLE: &str = "
 .sheet .halo { paint-order: stroke; stroke: #fff; stroke-width: 0.8px; stroke-linejoin: round; }
 ";
 
+/// About how wide a character of a dimension is, in mm.
+const CHARACTER: f64 = 1.76;
+
 /// What is drawn.
 #[derive(Clone, Copy, Debug)]
 pub struct Drawing<'a> {
@@ -303,7 +306,8 @@ impl Drawing<'_> {
         }
         let cylinders = Self::turned(&self.summary.cylinders).count();
         if cylinders > MOST {
-            let text = format!("{} more cylinders have no room for their dimensions", cylinders - MOST);
+            let more = cylinders - MOST;
+            let text = format!("{more} more cylinder{}: no room for dimensions", if more == 1 { "" } else { "s" });
             sheet.text("small", (x, SHEET.1 - MARGIN - 4.0), "start", &text);
         }
     }
@@ -461,17 +465,26 @@ impl Sheet {
         self.line("dimension", from, to);
         self.arrow("arrow", from, (-way.0 * inwards, -way.1 * inwards));
         self.arrow("arrow", to, (way.0 * inwards, way.1 * inwards));
+        // Nor is there room for the text then: it stands beyond the far arrow, on the line drawn longer.
+        let wide = CHARACTER * text.chars().count() as f64;
+        let (middle, anchor) = if wide + 1.0 > length {
+            let beyond = 4.0;
+            self.line("dimension", to, (bx + way.0 * (beyond + wide), by + way.1 * (beyond + wide)));
+            ((bx + way.0 * beyond, by + way.1 * beyond), "start")
+        } else {
+            ((f64::midpoint(ax, bx), f64::midpoint(ay, by)), "middle")
+        };
         let text = escaped(text);
         if ax == bx {
-            let (x, y) = (ax - 1.0, f64::midpoint(ay, by));
+            let (x, y) = (middle.0 - 1.0, middle.1);
             self.put(format_args!(
                 "<text class=\"halo\" transform=\"translate({x:.2} {y:.2}) rotate(-90)\" \
-                 text-anchor=\"middle\">{text}</text>"
+                 text-anchor=\"{anchor}\">{text}</text>"
             ));
         } else {
-            let (x, y) = (f64::midpoint(ax, bx), ay - 1.0);
+            let (x, y) = (middle.0, middle.1 - 1.0);
             self.put(format_args!(
-                "<text class=\"halo\" x=\"{x:.2}\" y=\"{y:.2}\" text-anchor=\"middle\">{text}</text>"
+                "<text class=\"halo\" x=\"{x:.2}\" y=\"{y:.2}\" text-anchor=\"{anchor}\">{text}</text>"
             ));
         }
     }

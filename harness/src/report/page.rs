@@ -4,6 +4,7 @@ use std::fmt::{self, Display, Write};
 
 use super::chart::{ALONG, Chart, Row, SIDES};
 use super::drawing::escaped;
+use super::part::sizes;
 use super::plot::{LINES, PlotError, Series, Style, strip};
 use super::series::{Course, Courses, Motion, decimated, lasting};
 use super::timeline::{Bus, PC_HELD, Said};
@@ -256,14 +257,8 @@ impl Page<'_> {
         }
         row("virtual", "virtual time", &format_args!("{:.6} s", self.until()))?;
         if let Some(cut) = self.cut {
-            let turned = |measures: &[super::Measure]| {
-                let turned = measures.iter().filter(|measure| !measure.stock);
-                let sizes: Vec<String> =
-                    turned.map(|of| format!("{:.2} × {:.2}", of.diameter_mm, of.length_mm)).collect();
-                if sizes.is_empty() { "nothing".to_owned() } else { sizes.join(", ") + " mm" }
-            };
-            row("turned", "turned, diameter × length", &turned(&cut.summary.cylinders))?;
-            row("asked", "asked for", &turned(&cut.summary.asked))?;
+            row("turned", "turned, diameter × length", &sizes(&cut.summary.cylinders, "×"))?;
+            row("asked", "asked for", &sizes(&cut.summary.asked, "×"))?;
         }
         row("seed", "seed", &header.seed)?;
         if let Some(end) = &self.trace.end {

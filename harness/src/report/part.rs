@@ -104,6 +104,15 @@ impl From<&Happening> for EventSummary {
     }
 }
 
+/// The cylinders that were turned, from the face, in words: diameter and length of each.
+pub(super) fn sizes(measures: &[Measure], by: &str) -> String {
+    let turned = measures.iter().filter(|measure| !measure.stock);
+    let size = |measure: &Measure| format!("{:.2} {by} {:.2}", measure.diameter_mm, measure.length_mm);
+    let sizes: Vec<String> = turned.map(size).collect();
+    // A cone, a face or a fillet is none.
+    if sizes.is_empty() { "no cylinder".to_owned() } else { format!("{} mm", sizes.join(", ")) }
+}
+
 impl PartSummary {
     /// What is told of a part, beside what was asked for.
     pub fn new(part: &Part, turned: &Turned, asked: &Profile) -> Self {
@@ -121,14 +130,9 @@ impl PartSummary {
     }
 
     pub(super) fn write(&self, text: &mut String, problem: Style) -> fmt::Result {
-        let list = |measures: &[Measure]| {
-            let turned = measures.iter().filter(|measure| !measure.stock);
-            let sizes: Vec<String> =
-                turned.map(|measure| format!("{:.2} x {:.2}", measure.diameter_mm, measure.length_mm)).collect();
-            if sizes.is_empty() { "nothing".to_owned() } else { format!("{} mm", sizes.join(", ")) }
-        };
-        writeln!(text, "{:<9}turned {} (diameter x length, from the face)", "part", list(&self.cylinders))?;
-        writeln!(text, "{:<9}asked  {}", "", list(&self.asked))?;
+        let [turned, asked] = [&self.cylinders, &self.asked].map(|measures| sizes(measures, "x"));
+        writeln!(text, "{:<9}turned {turned} (diameter x length, from the face)", "part")?;
+        writeln!(text, "{:<9}asked  {asked}", "")?;
         writeln!(text, "{:<9}{}", "", self.worst)?;
         for event in &self.events {
             let EventSummary { from_s, z_mm, worst, text: what, unit, .. } = event;
