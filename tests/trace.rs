@@ -269,8 +269,9 @@ fn a_recording_whose_writer_is_killed_is_repeated_as_far_as_it_goes() {
     up.child.wait().unwrap();
     let output = on(2, &["trace", word(&trace)]);
     assert!(complaint(&output).contains("its writer was ended"), "{}", complaint(&output));
-    let output = on(0, &["replay", word(&trace)]);
+    let output = on(2, &["replay", word(&trace)]);
     assert!(stdout(&output).starts_with("the same as far as it is recorded: "), "{}", stdout(&output));
+    assert!(complaint(&output).contains("its writer was ended"), "{}", complaint(&output));
 }
 
 // --- printing and exporting -----------------------------------------------------------------------------------------
@@ -388,8 +389,24 @@ fn a_file_that_is_no_whole_trace_is_shown_as_far_as_it_goes() {
         assert!(complaint(&output).contains(expected), "{}", complaint(&output));
         let shown = stdout(&output).lines().count();
         assert!(if some { 0 < shown && shown < rows } else { shown == 0 }, "{shown} of {rows}");
-        on(2, &["diff", word(&trace), word(&broken)]);
-        on(if some { 0 } else { 2 }, &["replay", word(&broken)]);
+        let page = folder.path().join("page.html");
+        for arguments in [
+            &["trace", word(&broken), "--json"][..],
+            &["trace", word(&broken), "--csv"],
+            &["trace", word(&broken), "--vcd", word(&folder.path().join("lines.vcd"))],
+            &["trace", word(&broken), "--report", word(&page)],
+            &["diff", word(&trace), word(&broken)],
+            &["diff", word(&broken), word(&broken)],
+            &["replay", word(&broken)],
+            &["replay", word(&broken), "--json"],
+        ] {
+            let output = on(2, arguments);
+            assert!(complaint(&output).contains(expected), "{arguments:?}: {}", complaint(&output));
+            let shown = !stdout(&output).is_empty() || arguments.contains(&"--vcd") || arguments.contains(&"--report");
+            assert!(shown || !some, "{arguments:?}");
+        }
+        assert_eq!(page.exists(), some);
+        fs::remove_file(&page).ok();
     }
     let output = on(2, &["trace", word(&folder.path().join("missing"))]);
     assert!(complaint(&output).contains("missing': cannot be read: No such file"), "{}", complaint(&output));
