@@ -256,15 +256,10 @@ fn a_recording_whose_writer_is_killed_is_repeated_as_far_as_it_goes() {
     let mut pc = up.pc();
     pc.write(&SHORT);
     pc.expect(&[ACK, XON]);
-    // The rig is at rest now, so all of it is written.
-    let shows = |text: &str| {
-        let output = output(&["trace", word(&trace)]);
-        String::from_utf8(output.stdout).unwrap().contains(text)
-    };
-    wait_until("the reply is in the trace", || shows("XON: all slaves are done"));
+    wait_until("the reply is in the trace", || shows(&trace, "XON: all slaves are done"));
     pc.write(&LONG);
     pc.expect(&[ACK]);
-    wait_until("the rest comes by and by", || shows("depth -400") || shows("depth +400 slots"));
+    wait_until("the rest comes by and by", || shows(&trace, "depth +400 slots"));
     kill("-KILL", up.pid());
     up.child.wait().unwrap();
     let output = on(2, &["trace", word(&trace)]);
@@ -272,6 +267,27 @@ fn a_recording_whose_writer_is_killed_is_repeated_as_far_as_it_goes() {
     let output = on(2, &["replay", word(&trace)]);
     assert!(stdout(&output).starts_with("the same as far as it is recorded: "), "{}", stdout(&output));
     assert!(complaint(&output).contains("its writer was ended"), "{}", complaint(&output));
+}
+
+/// What a recording shows by now.
+fn shows(trace: &Path, text: &str) -> bool {
+    stdout(&output(&["trace", word(trace)])).contains(text)
+}
+
+#[test]
+fn a_run_that_is_killed_has_recorded_all_but_its_last_second() {
+    let folder = folder();
+    let trace = folder.path().join("run.trace");
+    let long = program(folder.path(), "long.frames", &[LONG_FEED]);
+    let mut run = torno(&["run", word(&long), "--pace", "1", "--record", word(&trace)]).spawn().unwrap();
+    // Far less than a block; and nothing more is to come for a quarter of an hour.
+    wait_until("the frame and its reply are in the trace", || shows(&trace, "> ACK: the frame"));
+    kill("-KILL", u64::from(run.id()));
+    run.wait().unwrap();
+    let output = on(2, &["trace", word(&trace)]);
+    assert!(complaint(&output).contains("its writer was ended"), "{}", complaint(&output));
+    assert!(stdout(&output).contains("> frame: "), "{}", stdout(&output));
+    on(2, &["replay", word(&trace)]);
 }
 
 // --- printing and exporting -----------------------------------------------------------------------------------------

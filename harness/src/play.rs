@@ -189,6 +189,9 @@ impl Play {
                 break;
             }
             let next = stage.rig.engine().next_instant();
+            if let Some(recorder) = &mut stage.recorder {
+                recorder.before_wait(brake.wall_until(next))?;
+            }
             tokio::select! {
                 () = stage.rig.news() => {}
                 passed = brake.wait_past(next) => {

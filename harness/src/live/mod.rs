@@ -12,7 +12,7 @@ use torno_protocol::uart::BITS_PER_CHARACTER;
 use crate::engine::{Fact, Limit};
 use crate::fault::Faults;
 use crate::observe::{Digest, log};
-use crate::pace::{Brake, Pace, Second};
+use crate::pace::{Brake, Pace};
 use crate::pc::{PcEvent, PcUart, Replies, STOPPED};
 use crate::port::{LineSettings, PcPort, PortEvent};
 use crate::rig::file::RigFile;
@@ -60,8 +60,6 @@ pub struct Live {
 struct Recording {
     recorder: Recorder,
     digest: Digest,
-    /// Since what was noted has been written.
-    second: Second,
 }
 
 /// Why a live rig ended.
@@ -107,7 +105,7 @@ impl Live {
 
     /// Records everything from the start. For a rig that does not run yet.
     pub fn record(&mut self, recorder: Recorder) {
-        self.recording = Some(Recording { recorder, digest: Digest::new(&self.rig), second: Second::begin() });
+        self.recording = Some(Recording { recorder, digest: Digest::new(&self.rig) });
     }
 
     /// Ends the recording, if there is one: every board is brought to one instant, so that what is recorded is all that
@@ -201,14 +199,9 @@ impl Live {
         Ok(())
     }
 
-    /// Writes what is recorded, if a second will have passed since the last time when `wait` has.
+    /// Lets the recording know that nothing happens for so long.
     fn write_recording(&mut self, wait: Duration) -> Result<(), RecordingError> {
-        if let Some(Recording { recorder, second, .. }) = &mut self.recording
-            && second.is_over(wait)
-        {
-            recorder.flush()?;
-        }
-        Ok(())
+        self.recording.as_mut().map_or(Ok(()), |recording| recording.recorder.before_wait(wait))
     }
 
     /// How far to go at once: while the UART has something to send, no further than to where it can want more after the
