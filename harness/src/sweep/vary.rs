@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use toml::{Table, Value};
+use xxhash_rust::xxh3::xxh3_128;
 
 use crate::fault::Range;
 use crate::rig::place;
@@ -83,6 +84,8 @@ impl Variation {
 pub struct Scene {
     path: String,
     scenario: Table,
+    /// What its rig's file says.
+    rig: String,
 }
 
 impl Scene {
@@ -93,8 +96,14 @@ impl Scene {
     pub fn load(path: &Path) -> Result<Self, SweepError> {
         let name = path.display().to_string();
         let text = text::read(path).map_err(|source| SweepError::Unreadable { path: name.clone(), source })?;
-        Scenario::parse(&name, &text, None)?;
-        Ok(Self { path: name, scenario: toml::from_str(&text).unwrap_or_default() })
+        let rig = Scenario::parse(&name, &text, None)?.file.text;
+        Ok(Self { path: name, scenario: toml::from_str(&text).unwrap_or_default(), rig })
+    }
+
+    /// A digest of what the scenario's file and its rig's say, wherever they are.
+    pub fn digest(&self) -> String {
+        let scenario = toml::to_string(&self.scenario).unwrap_or_default();
+        format!("{:032x}", xxh3_128(format!("{}\n{scenario}{}", scenario.len(), self.rig).as_bytes()))
     }
 
     /// The faults' names, in the order of the file.
