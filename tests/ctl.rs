@@ -141,6 +141,17 @@ fn time_stands_still_and_goes_on_as_it_is_told() {
     end(up);
 }
 
+#[test]
+fn a_drift_that_goes_nowhere_does_not_drive_time() {
+    let up = Up::start(&["--pace", "max"]);
+    ctl(&up, &["fault", "drift", "depth", "0 %"]);
+    let now = || ctl(&up, &["state"])["ns"].as_u64().unwrap();
+    let before = now();
+    assert!((0..5).all(|_| now() == before));
+    ctl(&up, &["heal", "depth drift"]);
+    end(up);
+}
+
 /// Whoever watches, and the lines that came.
 struct Watch {
     child: Child,
