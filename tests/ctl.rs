@@ -5,13 +5,13 @@
 mod common;
 
 use std::fs;
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Write};
 use std::os::unix::fs::PermissionsExt;
-use std::os::unix::net::UnixListener;
+use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::Path;
 use std::process::{Child, Output, Stdio};
 
-use common::{ACK, AT_REST, CAN, LONG, SHORT, Up, XON, folder, kill, output, torno, wait_until};
+use common::{ACK, AT_REST, CAN, LONG, PATIENCE, SHORT, Up, XON, folder, kill, output, torno, wait_until};
 use serde_json::Value;
 
 fn stderr(output: &Output) -> String {
@@ -149,6 +149,59 @@ fn a_drift_that_goes_nowhere_does_not_drive_time() {
     let before = now();
     assert!((0..5).all(|_| now() == before));
     ctl(&up, &["heal", "depth drift"]);
+    end(up);
+}
+
+/// A client of the socket that speaks for itself.
+struct Client {
+    socket: BufReader<UnixStream>,
+}
+
+impl Client {
+    fn of(up: &Up) -> Self {
+        let socket = UnixStream::connect(control(up)).unwrap();
+        socket.set_read_timeout(Some(PATIENCE)).unwrap();
+        Self { socket: BufReader::new(socket) }
+    }
+
+    fn send(&mut self, bytes: &[u8]) {
+        self.socket.get_mut().write_all(bytes).unwrap();
+    }
+
+    fn read(&mut self) -> Value {
+        let mut line = String::new();
+        self.socket.read_line(&mut line).unwrap();
+        serde_json::from_str(&line).unwrap_or_else(|_| panic!("no JSON: {line:?}"))
+    }
+
+    fn ask(&mut self, request: &Value) -> Value {
+        self.send(format!("{request}\n").as_bytes());
+        self.read()
+    }
+}
+
+#[test]
+fn whatever_a_client_sends_is_answered() {
+    let up = Up::start(&[]);
+    let mut client = Client::of(&up);
+    let state = "{\"do\":\"state\"}\n";
+    let long = [&b"x".repeat(1 << 20)[..], b"\n"].concat();
+    for (line, expected) in [
+        (&b"{\"do\":\"stat\"}\n"[..], "expected a request: unknown variant `stat`"),
+        (b"{\"do\":\"heal\",\"name\":\"\xff\"}\n", "expected a request in UTF-8, found something else at byte 21"),
+        (&long, "expected a request of no more than 65536 bytes"),
+    ] {
+        client.send(line);
+        let answer = client.read();
+        assert!(answer["error"].as_str().unwrap().contains(expected), "{answer}");
+        client.send(state.as_bytes());
+        assert_eq!(client.read()["ok"]["rig"], "lathe");
+    }
+    // A line without an end is answered, too.
+    client.send(&b"x".repeat(65_537));
+    assert!(client.read()["error"].as_str().unwrap().contains("65536 bytes"));
+    client.send(&[b"\n", state.as_bytes()].concat());
+    assert_eq!(client.read()["ok"]["rig"], "lathe");
     end(up);
 }
 

@@ -10,12 +10,13 @@ use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType};
 use rustix::process::geteuid;
 use serde::Serialize;
 use serde_json::json;
-use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
+use tokio::io::AsyncWriteExt;
 use tokio::net::{UnixListener, UnixStream};
 use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinHandle;
 
 use super::Request;
+use super::lines::Lines;
 
 /// Clients that have been accepted by the kernel and not by us.
 const BACKLOG: i32 = 16;
@@ -175,30 +176,34 @@ fn is_ours(stream: &UnixStream) -> bool {
 
 async fn serve(stream: UnixStream, calls: mpsc::Sender<Call>) -> io::Result<()> {
     let (reading, mut writing) = stream.into_split();
-    let mut requests = BufReader::new(reading).lines();
+    let mut lines = Lines::new(reading);
     let (rows, mut to_tell) = mpsc::channel::<String>(ROWS);
     loop {
         let line = tokio::select! {
-            line = requests.next_line() => line?,
+            line = lines.next() => line?,
             Some(row) = to_tell.recv() => {
                 writing.write_all((row + "\n").as_bytes()).await?;
                 continue;
             }
         };
         let Some(line) = line else { return Ok(()) };
-        if line.trim().is_empty() {
+        if line.as_ref().is_ok_and(|line| line.trim().is_empty()) {
             continue;
         }
-        let answer = match serde_json::from_str::<Request>(&line) {
+        let refused = |why: String| json!({ "error": why }).to_string();
+        let request = line.map_err(|bad| bad.to_string()).and_then(|line| {
+            serde_json::from_str::<Request>(&line).map_err(|error| format!("expected a request: {error}"))
+        });
+        let answer = match request {
             Ok(request) => {
                 let (answer, answered) = oneshot::channel();
                 let call = Call { request, answer: Answer(answer), rows: rows.clone() };
                 if calls.send(call).await.is_err() {
                     return Ok(());
                 }
-                answered.await.unwrap_or_else(|_| json!({ "error": "the rig has ended" }).to_string())
+                answered.await.unwrap_or_else(|_| refused("the rig has ended".to_owned()))
             }
-            Err(error) => json!({ "error": format!("expected a request: {error}") }).to_string(),
+            Err(why) => refused(why),
         };
         writing.write_all((answer + "\n").as_bytes()).await?;
     }
