@@ -9,7 +9,7 @@ use std::io::{BufRead, BufReader, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::Path;
-use std::process::{Child, Output, Stdio};
+use std::process::{Child, Command, Output, Stdio};
 
 use common::{ACK, AT_REST, CAN, LONG, PATIENCE, SHORT, Up, XON, folder, kill, output, torno, wait_until};
 use serde_json::Value;
@@ -202,6 +202,27 @@ fn whatever_a_client_sends_is_answered() {
     assert!(client.read()["error"].as_str().unwrap().contains("65536 bytes"));
     client.send(&[b"\n", state.as_bytes()].concat());
     assert_eq!(client.read()["ok"]["rig"], "lathe");
+    end(up);
+}
+
+#[test]
+fn a_rig_without_file_descriptors_is_steered_again_when_it_has_some() {
+    let folder = folder();
+    let script = "ulimit -n 48; exec \"$0\" up --json --link \"$1\"";
+    let mut command = Command::new("sh");
+    command.args(["-c", script, env!("CARGO_BIN_EXE_torno"), folder.path().join("pc").to_str().unwrap()]);
+    let up = Up::launch(command, folder);
+    let open = || fs::read_dir(format!("/proc/{}/fd", up.pid())).unwrap().count();
+    let refuses = || up.log().contains("nobody new can steer the rig for now");
+    let mut clients = Vec::new();
+    while !refuses() {
+        let before = open();
+        clients.push(UnixStream::connect(control(&up)).unwrap());
+        wait_until("it is accepted or not", || open() > before || refuses());
+    }
+    assert!(clients.len() > 5, "{}", clients.len());
+    clients.clear();
+    assert_eq!(ctl(&up, &["state"])["rig"], "lathe");
     end(up);
 }
 

@@ -3,6 +3,7 @@
 use std::io;
 use std::os::unix::fs::FileTypeExt;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use rustix::fd::OwnedFd;
 use rustix::fs::Mode;
@@ -22,6 +23,8 @@ use super::lines::Lines;
 const BACKLOG: i32 = 16;
 /// Requests that wait for the rig.
 const WAITING: usize = 16;
+/// Where no client can be accepted, as for want of a file descriptor, the next attempt is made so much later.
+const AGAIN: Duration = Duration::from_millis(100);
 /// Lines that wait for a client who watches. Whoever is slower loses some.
 const ROWS: usize = 1024;
 
@@ -150,8 +153,11 @@ fn bound(path: &Path) -> io::Result<OwnedFd> {
 }
 
 async fn accept(listener: UnixListener, calls: mpsc::Sender<Call>) {
+    let mut failing = false;
     loop {
-        match listener.accept().await {
+        let accepted = listener.accept().await;
+        let failed = core::mem::replace(&mut failing, accepted.is_err());
+        match accepted {
             Ok((stream, _)) if is_ours(&stream) => {
                 let calls = calls.clone();
                 tokio::spawn(async move {
@@ -162,8 +168,10 @@ async fn accept(listener: UnixListener, calls: mpsc::Sender<Call>) {
             }
             Ok(_) => tracing::warn!("another user at the control socket is turned away"),
             Err(error) => {
-                tracing::warn!(%error, "the control socket cannot be used any more");
-                return;
+                if !failed {
+                    tracing::warn!(%error, "nobody new can steer the rig for now");
+                }
+                tokio::time::sleep(AGAIN).await;
             }
         }
     }
