@@ -178,6 +178,18 @@ impl Client {
         self.send(format!("{request}\n").as_bytes());
         self.read()
     }
+
+    /// What comes before the answer to the last request, and the answer.
+    fn rows_and_answer(&mut self) -> (Vec<Value>, Value) {
+        let mut rows = Vec::new();
+        loop {
+            let line = self.read();
+            if line.get("ns").is_none() && line.get("lost").is_none() {
+                return (rows, line);
+            }
+            rows.push(line);
+        }
+    }
 }
 
 #[test]
@@ -223,6 +235,121 @@ fn a_rig_without_file_descriptors_is_steered_again_when_it_has_some() {
     assert!(clients.len() > 5, "{}", clients.len());
     clients.clear();
     assert_eq!(ctl(&up, &["state"])["rig"], "lathe");
+    end(up);
+}
+
+/// What a trace shows of these kinds before `until`, from `from` on: each row's text.
+fn recorded(trace: &Path, kinds: &[&str], from: u64, until: u64) -> Vec<String> {
+    let kinds: Vec<&str> = kinds.iter().flat_map(|kind| ["--kind", kind]).collect();
+    let shown = output(&[&["trace", trace.to_str().unwrap(), "--json"], &kinds[..]].concat());
+    let rows = String::from_utf8(shown.stdout).unwrap();
+    let rows = rows.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
+    rows.filter(|row| (from..until).contains(&row["ns"].as_u64().unwrap())).map(|row| row.to_string()).collect()
+}
+
+const EVERYTHING: [&str; 6] = ["edges", "characters", "frames", "telemetry", "events", "inputs"];
+
+fn watch(kinds: &[&str]) -> Value {
+    serde_json::json!({ "do": "watch", "kinds": kinds })
+}
+
+#[test]
+fn a_watch_shows_all_that_a_trace_does_in_order_of_time() {
+    for pace in ["20", "max"] {
+        shows_all_in_order(pace);
+    }
+}
+
+fn shows_all_in_order(pace: &str) {
+    let folder = folder();
+    let trace = folder.path().join("a.torno");
+    let up = Up::start(&["--pace", pace, "--record", trace.to_str().unwrap()]);
+    let mut client = Client::of(&up);
+    let from = client.ask(&watch(&EVERYTHING))["ok"]["ns"].as_u64().unwrap();
+    let mut pc = up.pc();
+    pc.write(&SHORT);
+    pc.expect(&[ACK, XON]);
+    pc.write(&SHORT);
+    pc.expect(&[ACK]);
+    // What moves on while nothing is said.
+    client.send(b"{\"do\":\"pause\"}\n");
+    let (mut rows, answer) = client.rows_and_answer();
+    assert!(answer["ok"]["ns"].as_u64() > Some(from));
+    ctl(&up, &["fault", "noise", "master_to_depth", "--period", "3 ms"]);
+    client.send(b"{\"do\":\"step\",\"span\":\"30 s\"}\n");
+    let (more, answer) = client.rows_and_answer();
+    let until = answer["ok"]["ns"].as_u64().unwrap();
+    assert!(more.len() > 10_000, "{}", more.len());
+    rows.extend(more);
+    end(up);
+    repeats(&trace);
+    // What is cut short stands at its last character, and comes when that shows; and a watch can begin in the middle of
+    // a character.
+    let from = from + 20_000_000;
+    let whole = |row: &str| !row.contains("cut short");
+    rows.retain(|row| row["ns"].as_u64() >= Some(from) && whole(&row.to_string()));
+    let instants: Vec<u64> = rows.iter().map(|row| row["ns"].as_u64().unwrap()).collect();
+    let early = instants.windows(2).position(|pair| pair[0] > pair[1]);
+    assert_eq!(early.map(|place| &rows[place..place + 2]), None);
+    let mut shown: Vec<String> = rows.iter().map(Value::to_string).collect();
+    let mut recorded = recorded(&trace, &EVERYTHING, from, until);
+    recorded.retain(|row| whole(row));
+    shown.sort();
+    recorded.sort();
+    let missing = recorded.iter().zip(&shown).position(|(a, b)| a != b).map(|n| (&recorded[n], &shown[n]));
+    assert_eq!((missing, shown.len()), (None, recorded.len()));
+}
+
+#[test]
+fn what_a_motor_does_is_watched_when_it_does_it() {
+    let up = Up::start(&["--pace", "20"]);
+    let mut pc = up.pc();
+    // 2000 rpm, and no drive: it coasts for half a minute, and nobody asks its board for anything.
+    for frame in [[0x64, 0, 0, 0, 0, 0, 0, 0], AT_REST] {
+        pc.write(&frame);
+        pc.expect(&[ACK, XON]);
+    }
+    ctl(&up, &["pace", "0.2"]);
+    let mut watch = Watch::start(&up, &["--json", "--board", "spindle", "--kind", "telemetry"]);
+    for _ in 0..10 {
+        let row: Value = serde_json::from_str(&watch.next_with("speed_rpm")).unwrap();
+        let late = ctl(&up, &["state"])["ns"].as_u64().unwrap() - row["ns"].as_u64().unwrap();
+        // Ten seconds by the wall clock: patience, and no more.
+        assert!(late < 2_000_000_000, "{late} ns");
+    }
+    end(up);
+}
+
+#[test]
+fn whoever_reads_too_slowly_is_told_what_is_lost_and_holds_nobody_up() {
+    let folder = folder();
+    let trace = folder.path().join("a.torno");
+    let up = Up::start(&["--record", trace.to_str().unwrap()]);
+    ctl(&up, &["pause"]);
+    let mut client = Client::of(&up);
+    let from = client.ask(&watch(&["edges"]))["ok"]["ns"].as_u64().unwrap();
+    ctl(&up, &["fault", "noise", "master_to_depth", "--period", "100 us"]);
+    let until = ctl(&up, &["step", "20 s"])["ns"].as_u64().unwrap();
+    client.send(b"{\"do\":\"state\"}\n");
+    let (rows, _) = client.rows_and_answer();
+    end(up);
+    let (lost, rows): (Vec<&Value>, Vec<&Value>) = rows.iter().partition(|row| row.get("lost").is_some());
+    let lost: u64 = lost.iter().map(|row| row["lost"].as_u64().unwrap()).sum();
+    assert!(lost > 0 && rows.len() > 100_000, "{lost} of {}", rows.len());
+    assert_eq!(rows.len() as u64 + lost, recorded(&trace, &["edges"], from, until).len() as u64);
+}
+
+/// Time goes on for as long as there is something to do, and whoever asks for something is heard all the same.
+#[test]
+fn a_rig_that_never_falls_quiet_is_steered() {
+    let up = Up::start(&["--pace", "max"]);
+    ctl(&up, &["fault", "noise", "master_to_pc", "--period", "100 us"]);
+    let mut client = Client::of(&up);
+    let state = serde_json::json!({ "do": "state" });
+    let before = client.ask(&state)["ok"]["ns"].as_u64().unwrap();
+    wait_until("time goes on", || client.ask(&state)["ok"]["ns"].as_u64().unwrap() > before);
+    let paused = client.ask(&serde_json::json!({ "do": "pause" }))["ok"]["ns"].as_u64();
+    assert_eq!(client.ask(&state)["ok"]["ns"].as_u64(), paused);
     end(up);
 }
 

@@ -2,16 +2,18 @@
 //!
 //! The socket is a Unix one (mode 0600) that serves nobody but the user who runs the rig. Both ways go lines of JSON: a
 //! request ([`Request`]) is answered by one line, `{"ok": ...}` or `{"error": "..."}`. After [`Request::Watch`] is
-//! answered, lines of what happens follow, as `torno trace` shows them, until the socket is closed; if its reader is
+//! answered, lines of what happens follow, as `torno trace` shows them, until the socket is closed; where its reader is
 //! too slow, `{"lost": n}` stands for `n` of them. A line that is no request is answered by an error, and the next one
 //! is read.
 //!
 //! `torno ctl` is one client; `socat - UNIX-CONNECT:PATH` is another.
 
+mod backlog;
 mod lines;
 mod path;
 mod server;
 
+pub use backlog::Rows;
 pub use path::socket_beside;
 pub use server::{Answer, Call, Control, ControlError};
 

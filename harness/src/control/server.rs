@@ -17,6 +17,7 @@ use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinHandle;
 
 use super::Request;
+use super::backlog::{Rows, backlog};
 use super::lines::Lines;
 
 /// Clients that have been accepted by the kernel and not by us.
@@ -25,8 +26,6 @@ const BACKLOG: i32 = 16;
 const WAITING: usize = 16;
 /// Where no client can be accepted, as for want of a file descriptor, the next attempt is made so much later.
 const AGAIN: Duration = Duration::from_millis(100);
-/// Lines that wait for a client who watches. Whoever is slower loses some.
-const ROWS: usize = 1024;
 
 /// Why there is no control socket.
 #[derive(Debug, thiserror::Error)]
@@ -61,7 +60,7 @@ pub struct Call {
     /// Its answer; dropped, it says that the rig has ended.
     pub answer: Answer,
     /// Where lines go that follow on the answer.
-    pub rows: mpsc::Sender<String>,
+    pub rows: Rows,
 }
 
 /// The way of an answer to the client.
@@ -185,12 +184,12 @@ fn is_ours(stream: &UnixStream) -> bool {
 async fn serve(stream: UnixStream, calls: mpsc::Sender<Call>) -> io::Result<()> {
     let (reading, mut writing) = stream.into_split();
     let mut lines = Lines::new(reading);
-    let (rows, mut to_tell) = mpsc::channel::<String>(ROWS);
+    let (rows, mut to_tell) = backlog();
     loop {
         let line = tokio::select! {
             line = lines.next() => line?,
-            Some(row) = to_tell.recv() => {
-                writing.write_all((row + "\n").as_bytes()).await?;
+            rows = to_tell.next() => {
+                writing.write_all(rows.as_bytes()).await?;
                 continue;
             }
         };
@@ -204,12 +203,21 @@ async fn serve(stream: UnixStream, calls: mpsc::Sender<Call>) -> io::Result<()> 
         });
         let answer = match request {
             Ok(request) => {
-                let (answer, answered) = oneshot::channel();
+                let watches = matches!(request, Request::Watch { .. });
+                let (answer, mut answered) = oneshot::channel();
                 let call = Call { request, answer: Answer(answer), rows: rows.clone() };
                 if calls.send(call).await.is_err() {
                     return Ok(());
                 }
-                answered.await.unwrap_or_else(|_| refused("the rig has ended".to_owned()))
+                let answered = loop {
+                    tokio::select! {
+                        biased;
+                        // What has happened before the answer comes before it; a watch begins with its answer.
+                        rows = to_tell.next(), if !watches => writing.write_all(rows.as_bytes()).await?,
+                        answered = &mut answered => break answered,
+                    }
+                };
+                answered.unwrap_or_else(|_| refused("the rig has ended".to_owned()))
             }
             Err(why) => refused(why),
         };

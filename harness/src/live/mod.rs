@@ -12,7 +12,7 @@ use torno_protocol::uart::BITS_PER_CHARACTER;
 use crate::engine::{Fact, Limit};
 use crate::fault::Faults;
 use crate::observe::{Digest, log};
-use crate::pace::{Brake, Pace};
+use crate::pace::{Brake, Lapse, Pace};
 use crate::pc::{PcEvent, PcUart, Replies, STOPPED};
 use crate::port::{LineSettings, PcPort, PortEvent};
 use crate::rig::file::RigFile;
@@ -30,6 +30,10 @@ const SLICE_MIN: Span = Span::from_millis(1);
 /// Boards that nothing reaches are brought up to date this often, so that none has long to catch up when something
 /// does.
 const KEEP_UP: Span = Span::from_secs(10);
+/// While somebody watches, so often in wall time. (Ours: at once, to the eye.)
+const WATCHED: Duration = Duration::from_millis(20);
+/// So long, in wall time, the rig goes on at once: then whoever wants something of it has a turn.
+const AT_ONCE: Duration = Duration::from_millis(20);
 /// So many replies are remembered for the faults that wait for one.
 const REPLIES: usize = 16;
 
@@ -47,6 +51,7 @@ pub struct Live {
     held: bool,
     /// How far time has gone.
     reached: Instant,
+    /// Every board was brought to here last.
     kept_up: Instant,
     recording: Option<Recording>,
     faults: Faults,
@@ -150,31 +155,53 @@ impl Live {
         loop {
             let allowed = self.brake.limit();
             let limit = self.slice(allowed).earlier(self.faults.next());
-            loop {
-                while self.rig.step(limit).await? {
-                    self.deliver()?;
-                    // Whatever may end this must have its turn, even if all boards are in this process.
-                    tokio::task::yield_now().await;
-                }
-                self.deliver()?;
-                // The engine waits for whoever watches; having acted, go on.
-                if !core::mem::take(&mut self.acted) {
-                    break;
-                }
+            let arrived = self.go(limit).await?;
+            self.reached = if arrived { limit.until } else { self.rig.engine().frontier() };
+            self.faults.go_on(&mut self.rig, self.reached);
+            self.keep_up().await?;
+            if arrived {
+                self.arrive();
+                self.hold_for_silence();
             }
-            self.reached = limit.until;
-            self.faults.go_on(&mut self.rig, limit.until);
-            self.tell();
-            self.hold_for_silence();
             let took = self.take_waiting()? | self.obey_all().await?;
-            if !took && limit == allowed {
+            if arrived && !took && limit == allowed {
                 self.wait().await?;
             } else {
-                self.check_pace(limit.until);
+                self.check_pace(self.reached);
                 self.write_recording(Duration::ZERO)?;
                 tokio::task::yield_now().await;
             }
-            self.keep_up().await?;
+        }
+    }
+
+    /// Lets everything happen before `limit`, or what comes first of it: not for long at once. Says whether it was all.
+    async fn go(&mut self, limit: Limit) -> Result<bool, LiveError> {
+        let mut lapse = Lapse::begin(AT_ONCE);
+        loop {
+            while self.rig.step(limit).await? {
+                self.deliver()?;
+                // Whatever may end this must have its turn, even if all boards are in this process.
+                tokio::task::yield_now().await;
+                if lapse.is_over(Duration::ZERO) {
+                    return Ok(false);
+                }
+            }
+            self.deliver()?;
+            // The engine waits for whoever watches; having acted, go on.
+            if !core::mem::take(&mut self.acted) {
+                return Ok(true);
+            }
+        }
+    }
+
+    /// Brings every board to `until`: everything before that has happened, and has been noted.
+    async fn settle(&mut self, until: Instant) -> Result<(), LiveError> {
+        loop {
+            self.rig.settle(until).await?;
+            self.deliver()?;
+            if !core::mem::take(&mut self.acted) {
+                return Ok(());
+            }
         }
     }
 
@@ -246,16 +273,42 @@ impl Live {
     fn next_instant(&self) -> Instant {
         let next = self.rig.engine().next_instant();
         let next = self.faults.next().map_or(next, |worse| worse.min(next));
-        if self.brake.pace() == Pace::Max { next } else { next.min(self.kept_up + KEEP_UP) }
+        if self.brake.pace() == Pace::Max { next } else { next.min(self.kept_up + self.keep_up_every()) }
     }
 
-    async fn keep_up(&mut self) -> Result<(), RigError> {
-        let now = self.rig.engine().frontier();
-        if now >= self.kept_up + KEEP_UP {
-            self.kept_up = now;
-            self.rig.catch_up(now).await?;
+    fn is_watched(&self) -> bool {
+        self.steering.as_ref().is_some_and(Steering::is_watched)
+    }
+
+    /// How far time may go before boards that nothing reaches are brought up to date. Where it is not held back it goes
+    /// so far as there is something to do, and where it stands still, as far as somebody has asked: then at once.
+    fn keep_up_every(&self) -> Span {
+        match self.is_watched() {
+            true => self.brake.span_of(WATCHED).unwrap_or(Span::from_nanos(1)),
+            false => KEEP_UP,
+        }
+    }
+
+    /// Brings every board to where time is, if that is due, and tells those who watch what has happened before.
+    async fn keep_up(&mut self) -> Result<(), LiveError> {
+        let now = self.now();
+        if now < self.kept_up + self.keep_up_every() {
+            return Ok(());
+        }
+        self.kept_up = now;
+        self.settle(now).await?;
+        if let Some(steering) = &mut self.steering {
+            steering.tell(now);
         }
         Ok(())
+    }
+
+    /// Time has come to where it was to stand still, or to go on from.
+    fn arrive(&mut self) {
+        let now = self.now();
+        if let Some(steering) = &mut self.steering {
+            steering.arrive(now);
+        }
     }
 
     /// What has happened since the last call, logged and recorded.
@@ -298,14 +351,6 @@ impl Live {
             }
         }
         self.replies.keep_last(REPLIES);
-    }
-
-    /// Tells those who watch what is settled.
-    fn tell(&mut self) {
-        let now = self.now();
-        if let Some(steering) = &mut self.steering {
-            steering.tell(now);
-        }
     }
 
     /// Hands the client what has come for it.

@@ -28,8 +28,8 @@
 //! before whatever depends on it.
 //!
 //! The number as seed tells a block that is missing or out of place from one that is sound. A block is written whole,
-//! when it has grown to 64 KiB, or once in a second of wall time. So a trace whose writer was killed lacks its end, what
-//! was noted in the last second, and perhaps a part of its last block, and is good up to there.
+//! when it has grown to 64 KiB, or once in a second of wall time. So a trace whose writer was killed lacks its end,
+//! what was noted in the last second, and perhaps a part of its last block, and is good up to there.
 
 pub mod analyser;
 pub mod decode;

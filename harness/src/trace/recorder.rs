@@ -11,9 +11,11 @@ use torno_protocol::time::Instant;
 use super::format::MAGIC;
 use super::{End, Header, Writer};
 use crate::engine::Fact;
-use crate::pace::Second;
+use crate::pace::Lapse;
 use crate::rig::Input;
 
+/// What has been noted is written within this, in wall time.
+const SECOND: Duration = Duration::from_secs(1);
 /// Notes between two looks at the wall clock.
 const NOTES_PER_LOOK: u32 = 64;
 
@@ -65,7 +67,7 @@ pub struct Recorder {
     path: PathBuf,
     writer: Writer<File>,
     /// Since what was noted has been written.
-    second: Second,
+    second: Lapse,
     /// Notes since the last look at the clock.
     notes: u32,
     /// It has ended, well or not.
@@ -115,7 +117,7 @@ impl Recorder {
     pub fn begin(path: &Path, file: File, header: &Header) -> Result<Self, RecordingError> {
         let path = path.to_owned();
         match Writer::new(file, header) {
-            Ok(writer) => Ok(Self { path, writer, second: Second::begin(), notes: 0, over: false }),
+            Ok(writer) => Ok(Self { path, writer, second: Lapse::begin(SECOND), notes: 0, over: false }),
             Err(source) => Err(RecordingError { path, good: Instant::START, source }),
         }
     }
