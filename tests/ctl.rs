@@ -353,6 +353,29 @@ fn a_rig_that_never_falls_quiet_is_steered() {
     end(up);
 }
 
+/// A drift of one part in a million a second: it takes more than two days to where it cannot go on.
+const SLOW_DRIFT: [&str; 4] = ["fault", "drift", "depth", "0.0001 %"];
+
+#[test]
+fn a_step_that_does_not_come_to_its_end_is_answered() {
+    let up = Up::start(&["--pace", "1"]);
+    // Much is to be done on the way.
+    ctl(&up, &SLOW_DRIFT);
+    for (ends, go_on) in [("pause", "resume"), ("resume", "pause")] {
+        ctl(&up, &["pause"]);
+        let mut client = Client::of(&up);
+        client.send(b"{\"do\":\"step\",\"span\":\"100000 s\"}\n");
+        let before = ctl(&up, &["state"])["ns"].as_u64().unwrap();
+        wait_until("it is under way", || ctl(&up, &["state"])["ns"].as_u64().unwrap() > before);
+        assert!(refused(&up, &["step", "1 s"]).contains("a step is under way already"));
+        ctl(&up, &[ends]);
+        let answer = client.read();
+        assert!(answer["error"].as_str().unwrap().contains(&format!("is ended by a {ends} at ")), "{answer}");
+        ctl(&up, &[go_on]);
+    }
+    end(up);
+}
+
 /// Whoever watches, and the lines that came.
 struct Watch {
     child: Child,

@@ -48,7 +48,8 @@ pub enum Request {
     Pause,
     /// Time goes on. Answered by [`Done`].
     Resume,
-    /// Time goes on for so long (`10 ms`), at once, and then stands still. Answered by [`Done`] when it does.
+    /// Time goes on for so long (`10 ms`), at once, and then stands still. Answered by [`Done`] when it does; by an
+    /// error, if a pause or a resume comes before.
     Step {
         /// How long.
         span: String,

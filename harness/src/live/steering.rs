@@ -80,6 +80,13 @@ impl Steering {
         }
     }
 
+    /// A step that is under way will not come to its end.
+    fn end_step(&mut self, what: &str, now: Instant) {
+        if let Some((target, answer)) = self.stepping.take() {
+            give(answer, Err::<Done, _>(format!("the step to {target} is ended by a {what} at {now}")));
+        }
+    }
+
     fn watch(&mut self, wanted: &Wanted, form: Form, rows: Rows) -> Result<(), Refused> {
         let filter = Filter::new(&self.header, wanted).map_err(|error| error.to_string())?;
         let mut analyser = Analyser::new(&self.header, filter);
@@ -128,10 +135,12 @@ impl Live {
             Request::Heal { name } => give(answer, self.heal(&name, now)),
             Request::Power { board, on } => give(answer, self.power(&board, on, now)),
             Request::Pause => {
+                self.end_step("pause", now);
                 self.brake.pause(now);
                 give(answer, Ok(done(now)));
             }
             Request::Resume => {
+                self.end_step("resume", now);
                 self.brake.resume(now);
                 give(answer, Ok(done(now)));
             }
@@ -155,6 +164,12 @@ impl Live {
             }
         }
         Ok(())
+    }
+
+    fn end_step(&mut self, what: &str, now: Instant) {
+        if let Some(steering) = &mut self.steering {
+            steering.end_step(what, now);
+        }
     }
 
     fn step_on(&mut self, target: Instant, answer: Answer) {
