@@ -44,9 +44,9 @@ enum Command {
         /// What 'fault' has called it
         name: String,
     },
-    /// Switches a board's supply
+    /// Switches a board's supply, or the PC's
     Power {
-        /// The board
+        /// The board, or 'pc'
         board: String,
         /// On or off
         #[arg(value_parser = ["on", "off"])]

@@ -37,7 +37,7 @@ pub enum Request {
         /// Which.
         name: String,
     },
-    /// The supply of a board is gone or back. Answered by [`Done`].
+    /// The supply of a board or the PC is gone or back. Answered by [`Done`].
     Power {
         /// The board.
         board: String,

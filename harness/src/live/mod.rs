@@ -16,7 +16,7 @@ use crate::pace::{Brake, Lapse, Pace};
 use crate::pc::{PcEvent, PcUart, Replies, STOPPED};
 use crate::port::{LineSettings, PcPort, PortEvent};
 use crate::rig::file::RigFile;
-use crate::rig::{Driver, Rig, RigError};
+use crate::rig::{Driver, Input, Rig, RigError, What};
 use crate::trace::{End, Recorder, RecordingError};
 use steering::{Steering, next_call};
 
@@ -53,6 +53,8 @@ pub struct Live {
     reached: Instant,
     /// Every board was brought to here last.
     kept_up: Instant,
+    /// When the PC's supply has gone or come, as far as that still lies ahead: what was to be sent by then is lost.
+    supply: Vec<Instant>,
     recording: Option<Recording>,
     faults: Faults,
     /// What the client has heard lately: faults may begin with a reply.
@@ -100,6 +102,7 @@ impl Live {
             held: false,
             reached: Instant::START,
             kept_up: Instant::START,
+            supply: Vec::new(),
             recording: None,
             faults: Faults::default(),
             replies: Replies::new(file.dialect),
@@ -158,6 +161,7 @@ impl Live {
             let arrived = self.go(limit).await?;
             self.reached = if arrived { limit.until } else { self.rig.engine().frontier() };
             self.faults.go_on(&mut self.rig, self.reached);
+            self.lose_supply();
             self.keep_up().await?;
             if arrived {
                 self.arrive();
@@ -311,6 +315,16 @@ impl Live {
         }
     }
 
+    /// Forgets what waited for the PC's UART when its supply went or came.
+    fn lose_supply(&mut self) {
+        let now = self.now();
+        let before = self.supply.len();
+        self.supply.retain(|at| *at >= now);
+        if self.supply.len() < before {
+            self.queued = 0;
+        }
+    }
+
     /// What has happened since the last call, logged and recorded.
     fn note(&mut self) -> Result<Vec<Fact>, RecordingError> {
         for incident in self.rig.take_incidents() {
@@ -318,6 +332,11 @@ impl Live {
             tracing::warn!("{incident}");
         }
         let (inputs, facts) = (self.rig.take_inputs(), self.rig.take_facts());
+        for Input { at, what, .. } in &inputs {
+            if matches!(what, What::Stimulus { board, stimulus: Stimulus::Power(_) } if *board == self.rig.pc()) {
+                self.supply.push(*at);
+            }
+        }
         facts.iter().for_each(|fact| log::log(&self.rig, fact));
         if let Some(Recording { recorder, digest, .. }) = &mut self.recording {
             facts.iter().for_each(|fact| digest.add(fact));

@@ -218,8 +218,7 @@ impl Live {
 
     fn power(&mut self, board: &str, on: bool, now: Instant) -> Result<Done, Refused> {
         let boards: Vec<&str> = self.rig.nodes().iter().map(|node| node.name.as_str()).collect();
-        let Some(place) = boards.iter().position(|name| *name == board).filter(|place| *place != self.rig.pc()) else {
-            let boards: Vec<&str> = boards.into_iter().filter(|name| *name != "pc").collect();
+        let Some(place) = boards.iter().position(|name| *name == board) else {
             return Err(format!("there is no board '{board}'{}", nearest(board, &boards)));
         };
         Ok(done(self.rig.stimulate(place, now, Stimulus::Power(on))))
