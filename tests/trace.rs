@@ -8,7 +8,7 @@ use std::fs;
 use std::io::{BufRead, BufReader, Read};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
-use std::process::{Output, Stdio};
+use std::process::{Child, Output, Stdio};
 use std::time::Duration;
 
 use common::{ACK, LONG, NAK, SHORT, Up, XOFF, XON, folder, json, kill, output, torno, wait_until};
@@ -72,7 +72,7 @@ fn program(folder: &Path, name: &str, frames: &[[u8; 8]]) -> PathBuf {
 fn a_run_that_is_recorded_is_repeated_with_the_same_digest() {
     let folder = folder();
     let failing = program(folder.path(), "failing.frames", &[[9; 8], SHORT, SHORT]);
-    for arguments in [&[][..], &["--in-process"], &["--pace", "1000"], &[word(&failing)]] {
+    for arguments in [&[][..], &["--in-process"], &["--pace", "1000"], &["--pace", "50"], &[word(&failing)]] {
         let (trace, summary) = recorded(folder.path(), "run.trace", arguments);
         for driver in [&[][..], &["--processes"]] {
             let output = on(0, &[&["replay", word(&trace)], driver].concat());
@@ -269,6 +269,16 @@ fn a_recording_whose_writer_is_killed_is_repeated_as_far_as_it_goes() {
     assert!(complaint(&output).contains("its writer was ended"), "{}", complaint(&output));
 }
 
+/// A process that does not outlive its test.
+struct Killed(Child);
+
+impl Drop for Killed {
+    fn drop(&mut self) {
+        self.0.kill().ok();
+        self.0.wait().ok();
+    }
+}
+
 /// What a recording shows by now.
 fn shows(trace: &Path, text: &str) -> bool {
     stdout(&output(&["trace", word(trace)])).contains(text)
@@ -279,11 +289,12 @@ fn a_run_that_is_killed_has_recorded_all_but_its_last_second() {
     let folder = folder();
     let trace = folder.path().join("run.trace");
     let long = program(folder.path(), "long.frames", &[LONG_FEED]);
-    let mut run = torno(&["run", word(&long), "--pace", "1", "--record", word(&trace)]).spawn().unwrap();
-    // Far less than a block; and nothing more is to come for a quarter of an hour.
+    let mut run = Killed(torno(&["run", word(&long), "--pace", "1", "--record", word(&trace)]).spawn().unwrap());
+    // Far less than a block; and for a quarter of an hour nothing more is said.
     wait_until("the frame and its reply are in the trace", || shows(&trace, "> ACK: the frame"));
-    kill("-KILL", u64::from(run.id()));
-    run.wait().unwrap();
+    wait_until("what the motor does follows", || shows(&trace, "position_counts = 20\n"));
+    run.0.kill().unwrap();
+    run.0.wait().unwrap();
     let output = on(2, &["trace", word(&trace)]);
     assert!(complaint(&output).contains("its writer was ended"), "{}", complaint(&output));
     assert!(stdout(&output).contains("> frame: "), "{}", stdout(&output));

@@ -10,7 +10,7 @@ use crate::pace::{Brake, Pace};
 use crate::pc::{PcEvent, PcProgram, PcUart};
 use crate::rig::file::RigFile;
 use crate::rig::{Cost, Driver, Incident, Rig, RigError};
-use crate::trace::{End, Header, Recorder, SessionError, Trace};
+use crate::trace::{End, Header, RECORDED, Recorder, SessionError, Trace};
 
 /// The PC starts to send so long after the rig has started, or later where characters are long: a decoder wants to see
 /// an idle line first.
@@ -172,6 +172,8 @@ impl Play {
         let mut stage = Stage::new(rig, self.waveforms, path, recorder);
         stage.trace = self.keep.map(Trace::new);
         let mut brake = Brake::new(self.pace).map_err(RigError::from)?;
+        let keep_up = stage.recorder.as_ref().and_then(|_| brake.span_of(RECORDED));
+        let mut kept_up = Instant::START;
         loop {
             let limit = if self.pace == Pace::Max { Limit::NONE } else { brake.limit() };
             let mut steps = 0;
@@ -188,7 +190,15 @@ impl Play {
             if stage.rig.engine().is_quiet() {
                 break;
             }
-            let next = stage.rig.engine().next_instant();
+            let mut next = stage.rig.engine().next_instant();
+            if let Some(every) = keep_up {
+                if limit.until >= kept_up + every {
+                    kept_up = limit.until;
+                    stage.rig.settle(kept_up).await?;
+                    stage.take_note()?;
+                }
+                next = next.min(kept_up + every);
+            }
             if let Some(recorder) = &mut stage.recorder {
                 recorder.before_wait(brake.wall_until(next))?;
             }

@@ -17,7 +17,7 @@ use crate::pc::{PcEvent, PcUart, Replies, STOPPED};
 use crate::port::{LineSettings, PcPort, PortEvent};
 use crate::rig::file::RigFile;
 use crate::rig::{Driver, Input, Rig, RigError, What};
-use crate::trace::{End, Recorder, RecordingError};
+use crate::trace::{End, RECORDED, Recorder, RecordingError};
 use steering::{Steering, next_call};
 
 /// So many of the client's bytes wait in the driver at the most. Its settings are read with each helping, so a new
@@ -287,9 +287,10 @@ impl Live {
     /// How far time may go before boards that nothing reaches are brought up to date. Where it is not held back it goes
     /// so far as there is something to do, and where it stands still, as far as somebody has asked: then at once.
     fn keep_up_every(&self) -> Span {
+        let recorded = || self.recording.as_ref().and_then(|_| self.brake.span_of(RECORDED));
         match self.is_watched() {
             true => self.brake.span_of(WATCHED).unwrap_or(Span::from_nanos(1)),
-            false => KEEP_UP,
+            false => recorded().map_or(KEEP_UP, |span| span.min(KEEP_UP)),
         }
     }
 

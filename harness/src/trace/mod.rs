@@ -43,7 +43,7 @@ mod writer;
 
 pub use format::{BoardInfo, End, Header, LineInfo, VERSION};
 pub use reader::{Damage, read};
-pub use recorder::{CreateError, Recorder, RecordingError};
+pub use recorder::{CreateError, RECORDED, Recorder, RecordingError};
 pub use writer::Writer;
 
 /// Why a session that may be recorded cannot go on. It is not the machine in the rig that broke.

@@ -16,6 +16,9 @@ use crate::rig::Input;
 
 /// What has been noted is written within this, in wall time.
 const SECOND: Duration = Duration::from_secs(1);
+/// At a pace, boards that nothing reaches are asked so often for what they have to tell, in wall time: so that it is
+/// noted before the second is over.
+pub const RECORDED: Duration = Duration::from_millis(500);
 /// Notes between two looks at the wall clock.
 const NOTES_PER_LOOK: u32 = 64;
 
