@@ -10,7 +10,6 @@ use std::path::Path;
 use common::{folder, json, output};
 use serde_json::Value;
 use torno::engine::Fact;
-use torno::pace::Pace;
 use torno::pc::PcEvent;
 use torno::play::{DEMONSTRATION, Play};
 use torno::rig::Driver;
@@ -55,16 +54,7 @@ fn stations(rig: &str, program: &str) -> (Vec<[i64; 2]>, Vec<i64>) {
         (node, signals.iter().position(|signal| signal.name == quantity).unwrap())
     });
     let pc = file.boards.len();
-    let play = Play {
-        file,
-        program: Program::parse(program).unwrap(),
-        driver: Driver::InProcess,
-        pace: Pace::Max,
-        breakages: Vec::new(),
-        waveforms: false,
-        measure: false,
-        keep: None,
-    };
+    let play = Play::new(file, Program::parse(program).unwrap(), Driver::InProcess);
     let mut facts = Vec::new();
     let run = play.run(|progress| facts.extend(progress.facts.iter().cloned()));
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();

@@ -44,6 +44,22 @@ fn lathe() -> Part {
 }
 
 #[test]
+fn a_screw_or_an_encoder_of_another_kind_turns_another_part() {
+    for rig in ["lathe", "lathe-dspic"] {
+        let of = |board: &str| if rig == "lathe" { board.to_owned() } else { format!("dspic.{board}") };
+        let pitch = format!("{}.plant.pitch_mm=1", of("transverse"));
+        let slots = format!("{}.encoder.length_mm=153", of("depth"));
+        let (nominal, short, fine) = (run(&[rig]), run(&[rig, "--set", &pitch]), run(&[rig, "--set", &slots]));
+        let first = |part: &Value, name: &str| number(&part["cylinders"][0], name);
+        assert!((first(&short, "length_mm") - first(&nominal, "length_mm") / 2.0).abs() < 0.03, "{short}");
+        let off = |part: &Value| 28.0 - first(part, "diameter_mm");
+        // The tool begins as far from the bar as ever.
+        let clear = 4.0 * 160.0 / 900.0;
+        assert!((off(&fine) + clear - (off(&nominal) + clear) * 153.0 / 160.0).abs() < 1e-6, "{fine}\n{nominal}");
+    }
+}
+
+#[test]
 fn the_demonstration_turns_the_shaft_that_its_comments_promise() {
     let part = run(&[]);
     assert_eq!(events(&part), [""; 0]);

@@ -64,6 +64,29 @@ fn the_demonstration_completes_with_everything_in_its_json() {
 }
 
 /// The processes of a summary: the harness's and the boards'.
+/// The lead compensator as printed never brings the spindle to its speed: nothing ends by itself.
+#[test]
+fn a_program_that_gets_no_further_is_given_up() {
+    let folder = folder();
+    let trace = folder.path().join("run.trace");
+    let endless = ["run", "--set", "spindle.controller.form=literal", "--patience", "90 s", "--record"];
+    let output = |more: &[&str]| output(&[&endless[..], &[trace.to_str().unwrap()], more].concat());
+    let text = output(&[]);
+    assert_eq!(text.status.code(), Some(1));
+    let text = String::from_utf8(text.stdout).unwrap();
+    assert!(text.contains("\ngiven up: the PC has heard nothing for long; master waits for spindle\n"), "{text}");
+    assert!(text.ends_with("outcome  unanswered\n"), "{text}");
+    let digests: BTreeSet<String> = [&["--json"][..], &["--json", "--in-process"], &["--json", "--pace", "2000"]]
+        .map(|more| json(&output(more))["digest"].as_str().unwrap().to_owned())
+        .into();
+    assert_eq!(digests.len(), 1, "{digests:?}");
+    let repeated = common::output(&["replay", trace.to_str().unwrap()]);
+    assert!(String::from_utf8_lossy(&repeated.stdout).starts_with("same digest"), "{repeated:?}");
+    let wrong = common::output(&["run", "--patience", "long"]);
+    assert_eq!(wrong.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&wrong.stderr).contains("--patience: 'long': expected a time"), "{wrong:?}");
+}
+
 fn pids(summary: &Value) -> BTreeSet<u64> {
     let boards = summary["boards"].as_object().unwrap().values();
     boards.chain([summary]).map(|process| process["pid"].as_u64().unwrap()).collect()

@@ -10,7 +10,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-use common::{folder, output};
+use common::{output, test};
 use torno::fault::{BOARD_KINDS, LINE_KINDS};
 use torno::observe::Sum;
 use torno::rig::Driver;
@@ -170,6 +170,26 @@ fn a_seed_is_a_run_with_processes_and_without() {
     }
 }
 
+/// An edge and a sample meet in the same nanosecond once in a million characters or so.
+#[test]
+fn dense_noise_is_the_same_however_time_is_cut() {
+    let lines = ["spindle_to_master", "master_to_depth", "pc_to_master"];
+    for_all(4 * lines.len(), |n| {
+        let (seed, line) = (n / lines.len(), lines[n % lines.len()]);
+        let scenario = |step: &str| {
+            let text = format!(
+                "name = \"n\"\nseed = {seed}\nend = \"30 s\"\n{step}\
+                 [[fault]]\nline = \"{line}\"\nkind = \"noise\"\nperiod = \"300 us\"\n"
+            );
+            Scenario::parse("noise.toml", &text, None).unwrap()
+        };
+        let whole = run(&scenario(""), &Driver::InProcess).digest;
+        let step = scenario("[[step]]\ndoes = \"waits\"\nrun = \"29 s\"\n");
+        assert_eq!(whole, run(&step, &Driver::InProcess).digest, "{line}, seed {seed}");
+        assert_eq!(whole, in_slices(&step, Span::from_micros(2_777)).digest, "{line}, seed {seed}");
+    });
+}
+
 #[test]
 fn a_busy_host_changes_nothing() {
     let stop = AtomicBool::new(false);
@@ -186,17 +206,6 @@ fn a_busy_host_changes_nothing() {
         let idle = NOISY.map(|name| digests_of(name, 3));
         assert_eq!(busy.unwrap(), idle);
     });
-}
-
-/// Writes a scenario, and tests it through the binary: the exit code, standard output, standard error, the path.
-fn test(text: &str) -> (Option<i32>, String, String, String) {
-    let folder = folder();
-    let path = folder.path().join("a.toml");
-    fs::write(&path, text).unwrap();
-    let path = path.to_str().unwrap().to_owned();
-    let output = output(&["test", &path]);
-    let [out, err] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
-    (output.status.code(), out, err, path)
 }
 
 const TURN: &str = r#"name = "a turn"
@@ -246,6 +255,11 @@ fn every_kind_of_expectation_can_fail() {
         ("[[expect.never]]\nreply = \"ACK\"\n".to_owned(), "never the reply ACK", "it happened"),
         ("[[expect.never]]\nboard = \"depth\"\nevent = \"done\"\n".to_owned(), "never the event 'done'", "it happened"),
         (
+            "[[expect.never]]\nline = \"master_to_pc\"\ncharacter = 2\n".to_owned(),
+            "never character 2 on master_to_pc",
+            "it happened",
+        ),
+        (
             format!("[[expect.finally]]{claim}equals = 7\n"),
             "finally transverse.position_counts = 7",
             "transverse.position_counts = 900",
@@ -267,6 +281,10 @@ fn every_kind_of_expectation_can_fail() {
     }
     let (_, out, ..) = test(&format!("{patient}[[expect.always]]{claim}at_most = 899\n"));
     assert!(out.contains("\n            0.060000s  depth: done\n  again"), "what happened before it is told: {out}");
+    // A word alone stands for all replies that begin with it.
+    let refused = patient.replace("[\"00 64", "[\"09 64").replace("reply = \"XON\"", "reply = \"NAK\"");
+    let (code, out, ..) = test(&refused.replace("\"ACK XON\"", "\"NAK\""));
+    assert_eq!(code, Some(0), "{out}");
     let replies = patient.replace("\"ACK XON\"", "\"ACK XOFF\"");
     let (code, out, ..) = test(&replies);
     assert_eq!(code, Some(1));
@@ -281,12 +299,13 @@ fn what_is_drawn_is_told_first_and_stays_the_same_with_fewer_faults() {
         String::from_utf8(output.stdout).unwrap()
     };
     let once = told(&["--seed", "5"]);
-    let line = once.lines().nth(1).unwrap();
-    assert!(line.starts_with("  seed      5, fault.there.at = "), "{once}");
+    let line = once.lines().next().unwrap();
+    assert!(line.starts_with("a line is cut at any moment: seed 5, fault.there.at = "), "{once}");
     for place in ["fault.there.for = ", "fault.back.nth = ", "fault.back.value = ", "step.2.run = "] {
         assert!(line.contains(place), "{once}");
     }
-    assert_ne!(once.lines().nth(1), told(&["--seed", "6"]).lines().nth(1));
+    assert_ne!(once.lines().next(), told(&["--seed", "6"]).lines().next());
+    assert!(once.lines().nth(1).unwrap().starts_with("passed  "), "{once}");
     let drawn: serde_json::Value = serde_json::from_str(&told(&["--seed", "5", "--json"])).unwrap();
     let at = drawn["drawn"]["fault.back.at"].as_str().unwrap();
     assert!(line.contains(&format!("fault.back.at = {at}")), "{line}");
@@ -296,9 +315,20 @@ fn what_is_drawn_is_told_first_and_stays_the_same_with_fewer_faults() {
     assert!(fewer.drawn.iter().all(|(place, _)| !place.starts_with("fault.there")));
 
     let text = fs::read_to_string(file).unwrap();
-    let (code, _, err, _) = test(&text.replace("0 s..3 s", "0 s..3 ms"));
-    assert_eq!(code, Some(2));
-    assert!(err.contains("a.toml:10:6: '0 s..3 ms': FROM and TO have different units"), "{err}");
+    for (range, complaint) in [
+        ("0 s..3 %", "10:6: '0 s..3 %': FROM and TO have different units"),
+        ("3 s..1000 ms", "10:6: '3 s..1000 ms': FROM is above TO"),
+    ] {
+        let (code, _, err, _) = test(&text.replace("0 s..3 s", range));
+        assert_eq!(code, Some(2));
+        assert!(err.contains(&format!("a.toml:{complaint}")), "{err}");
+    }
+    // What is one seed's luck is refused with every seed.
+    let (code, _, err, _) = test(&text.replace("\"0..9\"", "\"0..10\""));
+    assert_eq!((code, err.contains("a.toml:18:9: expected the bit, 0 (start) to 9 (stop)")), (Some(2), true), "{err}");
+    let (_, out, ..) = test(&text.replace("0 s..3 s", "100 ms..3 s"));
+    let at: f64 = out.split("fault.there.at = ").nth(1).unwrap().split(" s").next().unwrap().parse().unwrap();
+    assert!((0.1..=3.0).contains(&at), "{out}");
 }
 
 #[test]
@@ -440,7 +470,7 @@ fn what_is_wrong_with_a_file_is_told() {
             "4:35",
             "there is a fault 'depth hang' already",
         ),
-        (step("wait = { reply = \"XON\", character = 2 }"), "4:37", "expected which one of a line"),
+        (step("wait = { reply = \"XON\", character = 2 }"), "4:37", "character: means nothing beside reply"),
         (step("wait = { line = \"pc_to_master\", character = 0 }"), "4:45", "from 1"),
         (fault("board = \"depth\"\nkind = \"crash\"\nfro = \"1 s\""), "5:1", "unknown field `fro`"),
         (step("wiat = \"1 s\""), "4:1", "unknown field `wiat`: did you mean 'wait'?"),
@@ -458,7 +488,27 @@ fn what_is_wrong_with_a_file_is_told() {
         ),
         (fault("board = \"depth\"\nkind = \"clock\"\nvalue = \"30 %\""), "5:9", "-20 % to 20 %"),
         (fault("board = \"depth\"\nkind = \"counts\"\nvalue = \"3 %\""), "5:9", "expected so many counts"),
-        (claim("board = \"depth\"\nquantity = \"drive\"\nat_least = \"3 ms\""), "5:12", "expected i64"),
+        (
+            claim("board = \"depth\"\nquantity = \"drive\"\nat_least = \"3 ms\""),
+            "5:12",
+            "\"3 ms\": 'drive' has no unit: expected a whole number, such as 1",
+        ),
+        (
+            claim("board = \"spindle\"\nquantity = \"speed_rpm\"\nequals = \"200 rmp\""),
+            "5:10",
+            "expected a whole number of rpm, such as 200 or \"200 rpm\": did you mean 'rpm'?",
+        ),
+        (
+            claim("board = \"depth\"\nquantity = \"position_counts\"\nat_most = \"1.5 mm\""),
+            "5:11",
+            "\"1.5 mm\": expected a whole number of counts",
+        ),
+        (claim("board = \"depth\"\nquantity = \"drive\"\nequals = 0.5"), "5:10", "0.5: 'drive' has no unit"),
+        (
+            claim("board = \"depth\"\nreply = \"XON\"\nequals = 1"),
+            "4:9",
+            "expected a quantity of a board, and its bounds",
+        ),
         (
             claim("board = \"depth\"\nquantity = \"drive\"\nat_least = 3\nat_most = 2"),
             "4:12",
@@ -475,9 +525,89 @@ fn what_is_wrong_with_a_file_is_told() {
             "did you mean 'quartz'?",
         ),
         (
-            step("heal = \"x\"\n[[fault]]\nname = \"x\"\nboard = \"depth\"\nkind = \"hang\"\nfor = \"1 s\""),
+            step("heal = \"x\"\n[[fault]]\nname = \"x\"\nboard = \"depth\"\nkind = \"reset\""),
             "4:8",
-            "'x' ends by itself, after 1 s",
+            "'x' is over at once: there is nothing to heal",
+        ),
+        (
+            step("break = { name = \"x\", board = \"depth\", kind = \"hang\" }")
+                + &"[[step]]\ndoes = \"d\"\nheal = \"x\"\n".repeat(2),
+            "10:8",
+            "'x' has been healed before this step",
+        ),
+        // What would be left out without a word.
+        (
+            step("break = { board = \"depth\", kind = \"hang\", when = { reply = \"XON\" } }"),
+            "4:50",
+            "expected neither at nor when here",
+        ),
+        (
+            fault("board = \"depth\"\nkind = \"hang\"\nwhen = { reply = \"XON\", within = \"1 s\" }"),
+            "5:34",
+            "within: only a step that waits has so much time",
+        ),
+        (step("wait = { reply = \"XON\", equals = 3 }"), "4:34", "equals: means nothing beside reply"),
+        (
+            step("wait = { board = \"depth\", event = \"done\", at_least = 3 }"),
+            "4:54",
+            "at_least: means nothing beside event: expected event and board",
+        ),
+        (
+            step("wait = { reply = \"XON\", event = \"done\" }"),
+            "4:33",
+            "event: expected either this or reply, not both",
+        ),
+        (step("wait = { reply = \"XON\", board = \"depth\" }"), "4:33", "board: means nothing beside reply"),
+        (step("wait = { line = \"pc_to_master\", board = \"depth\" }"), "4:41", "board: means nothing beside line"),
+        (step("wait = { event = \"done\" }"), "4:18", "event: expected its board, too"),
+        (step("check = { quantity = \"drive\", equals = 0 }"), "4:22", "quantity: expected its board, too"),
+        (
+            step("run = \"1 s\"\n[[expect.never]]\npart = \"rapid\"\nequals = 3"),
+            "7:10",
+            "equals: means nothing beside part",
+        ),
+        (step("run = \"1 s\"\n[[expect.never]]\nreply = \"NAK\"\nwithin = \"1 s\""), "7:10", "expected none here"),
+        (step("wait = { reply = \"XON\", within = \"0 s\" }"), "4:34", "within: nothing comes in no time"),
+        (fault("board = \"depth\"\nkind = \"counts\"\nvalue = 3\nfor = \"1 s\""), "6:7", "'counts' is over at once"),
+        (fault("board = \"depth\"\nkind = \"stall\"\nfor = \"0 s\""), "5:7", "what lasts no time breaks nothing"),
+        (fault("board = \"depth\"\nkind = \"end-stop\"\nvalue = 0"), "5:9", "0 is on neither side"),
+        (fault("board = \"depth\"\nkind = \"end-stop\"\nvalue = \"-9..9\""), "5:9", "0 is on neither side"),
+        (
+            fault("line = \"pc_to_master\"\nkind = \"noise\"\nvalue = \"3 %\"\nperiod = \"1 ms\""),
+            "5:9",
+            "expected either period or value, not both",
+        ),
+        (fault("line = \"pc_to_master\"\nkind = \"noise\""), "4:8", "expected period or value"),
+        (fault("line = \"pc_to_master\"\nkind = \"noise\"\nvalue = \"51 %\""), "5:9", "0 % to 50 %"),
+        // What nobody can hear, or send.
+        (step("wait = { reply = \"NAK z\" }"), "4:18", "there is no reply 'NAK z': did you mean 'NAK d'?"),
+        (step("wait = { reply = \"CAN d\" }"), "4:18", "there is no reply 'CAN d': did you mean 'CAN d n'?"),
+        (step("wait = { reply = \"ACK XON\" }"), "4:18", "expected one reply, found 2"),
+        (
+            step("run = \"1 s\"\n[expect]\nreplies = \"ACK XOFF AKC\""),
+            "6:11",
+            "there is no reply 'AKC': did you mean 'ACK'?",
+        ),
+        (
+            step("run = \"1 s\"\n[expect]\nreplies = \"ACK 3\""),
+            "6:11",
+            "there is no reply 'ACK 3': did you mean 'ACK'?",
+        ),
+        (
+            "name = \"n\"\nrig = \"servo\"\n[[step]]\ndoes = \"d\"\nwait = { reply = \"KX 256\" }".to_owned(),
+            "5:18",
+            "'KX 256': expected KX alone, or a value 0 to 255",
+        ),
+        (step("send = []"), "2:1", "send: expected something to send"),
+        (step("send = [\"\"]"), "4:9", "expected at least one frame"),
+        (step("bytes = \"\""), "4:9", "expected bytes of two hex digits"),
+        (step("bytes = \"+1\""), "4:9", "expected bytes of two hex digits"),
+        ("name = \"n\"\n".to_owned(), "1:1", "nothing is done and nothing breaks: expected a step, a fault, or an end"),
+        ("name = \"n\"\nend = \"0 s\"\n".to_owned(), "2:7", "end: nothing happens in no time"),
+        (
+            "name = \"n\"\nrig = \"lathe-dspik\"\n".to_owned(),
+            "2:7",
+            "there is no rig and no rig file 'lathe-dspik': did you mean 'lathe-dspic'?",
         ),
     ] {
         let (code, out, err, path) = test(&text);
@@ -485,5 +615,4 @@ fn what_is_wrong_with_a_file_is_told() {
         assert!(err.contains(&format!("{path}:{place}: ")), "expected {place}\n{text}\n{err}");
         assert!(err.contains(message), "expected {message}\n{text}\n{err}");
     }
-    assert_eq!(test("name = \"n\"\nrig = \"mill\"\n").0, Some(2));
 }

@@ -134,12 +134,43 @@ fn a_failure_names_the_fewest_faults_that_cause_it() {
 }
 
 #[test]
+fn the_noise_on_any_line_can_be_varied() {
+    let csv = |vary: &str| text(&["sweep", NOISE, "--seeds", "5", "--csv", "--vary", vary]);
+    let rows = |csv: &str| csv.lines().skip(1).map(str::to_owned).collect::<Vec<_>>();
+    let of_fault = rows(&csv("fault.noise.value=0..5%/3"));
+    assert_eq!(of_fault, rows(&csv("line.master_to_transverse.noise=0..5%/3")), "it is the same");
+    // Pulses of up to 100 us: 50 us in 1 ms.
+    assert_eq!(of_fault[2].replace("5 %", "950 us"), rows(&csv("fault.noise.period=950 us"))[0]);
+    // One that the scenario has is set; another one comes to be, and goes when the last step is done.
+    for line in ["master_to_transverse", "transverse_to_master"] {
+        let vary = format!("line.{line}.noise=0..5%/2");
+        let csv =
+            text(&["sweep", NOISE, "--seeds", "5", "--csv", "--vary", "fault.noise.period=1000 s", "--vary", &vary]);
+        let rows: Vec<Vec<&str>> = csv.lines().skip(1).map(|line| line.split(',').collect()).collect();
+        assert_eq!(rows[0][1..], ["0 %", "5", "5", "0", "0"], "{csv}");
+        assert_eq!(rows[1][1..3], ["5 %", "5"], "{csv}");
+        assert_ne!(rows[1][3], "5", "{csv}");
+        let all = text(&["sweep", NOISE, "--seeds", "5", "--vary", "fault.noise.period=1000 s", "--vary", &vary]);
+        let noise = if line == "master_to_transverse" { "noise" } else { "transverse_to_master noise" };
+        assert!(all.contains("noise = 5 %, seed ") && all.contains(&format!(", by {noise}\n")), "{all}");
+    }
+}
+
+#[test]
 fn what_cannot_be_varied_is_said_with_what_could_be_meant() {
     for (vary, expected) in [
         ("fault.nose.period=1 s", "there is no fault 'nose': did you mean 'noise'?"),
         ("board.spindel.clock_ppm=1", "there is no board 'spindel': did you mean 'spindle'?"),
         ("bord.spindle.clock_ppm=1", "there is no board 'bord': did you mean 'board'?"),
-        ("fault.noise.period=1 s..2 ms", "FROM and TO have different units"),
+        ("fault.noise.period=1 s..2 %", "FROM and TO have different units"),
+        ("fault.noise.period=1 s..2 ms", "FROM is above TO"),
+        ("line.master_to_dept.noise=0..5%", "there is no line 'master_to_dept': did you mean 'master_to_depth'?"),
+        ("line.master_to_depth.nose=0..5%", "there is no fault 'nose' of a line: did you mean 'noise'?"),
+        ("line.master_to_depth=0..5%", "expected line.LINE.KIND"),
+        (
+            "line.master_to_depth.noise=60..80%/2",
+            "--vary 'line.master_to_depth.noise = 60 %': '60 %': expected the share",
+        ),
         ("fault.noise.period", "there is no '='"),
         ("fault.noise.period=7", "invalid type: integer `7`"),
         ("board.depth.clock_ppm=1e6", "expected -200000 to 200000"),

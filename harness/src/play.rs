@@ -15,8 +15,11 @@ use crate::trace::{End, Header, RECORDED, Recorder, SessionError, Trace};
 /// The PC starts to send so long after the rig has started, or later where characters are long: a decoder wants to see
 /// an idle line first.
 const PROGRAM_START: Span = Span::from_millis(10);
-/// Steps between two looks at the signals that may end the run.
+/// Steps between two looks at what may end the run.
 const STEPS_PER_LOOK: u32 = 64;
+/// Unless something else is asked for, a play is given up when the PC has neither sent nor heard anything for so long.
+/// (Ours: the longest motion of the lathe, 65 535 counts at a count every 30 ms, takes 33 minutes.)
+pub const PATIENCE: Span = Span::from_secs(3_600);
 
 /// What is to be played, and how.
 #[derive(Clone, Debug)]
@@ -37,6 +40,19 @@ pub struct Play {
     pub measure: bool,
     /// What heads the trace that is to be kept in memory, if one is.
     pub keep: Option<Header>,
+    /// It is given up when the PC has neither sent nor heard anything for so long, in virtual time.
+    pub patience: Span,
+}
+
+/// Why a play ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ended {
+    /// Nothing more can happen.
+    Quiet,
+    /// The PC has neither sent nor heard anything for as long as it was to be waited for.
+    OutOfPatience,
+    /// It was to end.
+    Interrupted,
 }
 
 /// Something that breaks at an instant.
@@ -84,17 +100,19 @@ pub struct Progress<'a> {
 }
 
 /// How a play ended.
-pub struct Finale {
+pub struct Played {
     /// What was said.
     pub conversation: Conversation,
     /// How the program ended.
     pub outcome: Outcome,
-    /// The virtual time it took until the rig was quiet.
+    /// Why the play did.
+    pub ended: Ended,
+    /// The virtual time it took until the rig was quiet, or the play ended.
     pub end: Instant,
     /// The digest of everything that happened.
     pub digest: Sum,
     /// The boards: name, process, last telemetry.
-    pub boards: Vec<BoardFinale>,
+    pub boards: Vec<PlayedBoard>,
     /// What became of their processes.
     pub incidents: Vec<Incident>,
     /// What the boards and the PC have cost.
@@ -109,17 +127,34 @@ pub struct Finale {
     pub trace: Option<Trace>,
 }
 
+impl Played {
+    /// In words, why it ended before the rig was quiet; nothing, if it did not.
+    pub fn cut_short(&self) -> Option<String> {
+        let why = match self.ended {
+            Ended::Quiet => return None,
+            Ended::OutOfPatience => "given up: the PC has heard nothing for long",
+            Ended::Interrupted => "interrupted",
+        };
+        let waits = self.boards.iter().filter(|board| !board.waits_for.is_empty());
+        let waits = waits.map(|board| format!("{} waits for {}", board.name, board.waits_for.join(", ")));
+        let waits = waits.collect::<Vec<_>>().join("; ");
+        Some(if waits.is_empty() { why.to_owned() } else { format!("{why}; {waits}") })
+    }
+}
+
 /// How a board ended.
-pub struct BoardFinale {
+pub struct PlayedBoard {
     /// Its name.
     pub name: String,
     /// Its process; its own or the harness's.
     pub pid: u32,
     /// The last value of each of its quantities.
     pub telemetry: std::collections::BTreeMap<String, i64>,
+    /// The boards that it waits for.
+    pub waits_for: Vec<String>,
 }
 
-struct Stage {
+struct Session {
     rig: Rig,
     digest: Digest,
     telemetry: Telemetry,
@@ -132,19 +167,36 @@ struct Stage {
     facts: Vec<Fact>,
     bytes_sent: usize,
     now: Instant,
+    /// When the PC has sent or heard something last.
+    spoke: Instant,
     incidents: Vec<Incident>,
 }
 
 impl Play {
-    /// Plays to the end: until the rig is quiet.
+    /// A play in which nothing breaks, as fast as can be.
+    pub const fn new(file: RigFile, program: Program, driver: Driver) -> Self {
+        Self {
+            file,
+            program,
+            driver,
+            pace: Pace::Max,
+            breakages: Vec::new(),
+            waveforms: false,
+            measure: false,
+            keep: None,
+            patience: PATIENCE,
+        }
+    }
+
+    /// Plays to the end: until the rig is quiet, or for as long as its [patience](Self::patience) lasts.
     ///
     /// # Errors
     /// [`SessionError`] if the rig itself breaks.
-    pub async fn run(self, progress: impl FnMut(Progress<'_>)) -> Result<Finale, SessionError> {
-        self.record(None, progress).await
+    pub async fn run(self, progress: impl FnMut(Progress<'_>)) -> Result<Played, SessionError> {
+        self.record(None, progress, std::future::pending()).await
     }
 
-    /// The same, and records it.
+    /// The same, and records it; or until `interrupted`.
     ///
     /// # Errors
     /// [`SessionError`] if the rig itself breaks, or the recording cannot go on.
@@ -152,7 +204,8 @@ impl Play {
         self,
         recorder: Option<Recorder>,
         mut progress: impl FnMut(Progress<'_>),
-    ) -> Result<Finale, SessionError> {
+        interrupted: impl Future<Output = ()>,
+    ) -> Result<Played, SessionError> {
         let pc = &self.file.pc;
         let uart = PcUart::new(pc.baud, pc.tx_fifo, pc.clock).with_program(Careful::default());
         let mut rig = Rig::start(&self.file, &self.driver, uart).await?;
@@ -169,41 +222,55 @@ impl Play {
         let start = Instant::START + PROGRAM_START.max(self.file.margin());
         rig.stimulate(pc, start, Stimulus::Write(self.program.bytes()));
         let path = self.file.part.as_ref().map(ToolPath::new);
-        let mut stage = Stage::new(rig, self.waveforms, path, recorder);
-        stage.trace = self.keep.map(Trace::new);
+        let mut session = Session::new(rig, self.waveforms, path, recorder);
+        session.trace = self.keep.map(Trace::new);
         let mut brake = Brake::new(self.pace).map_err(RigError::from)?;
-        let keep_up = stage.recorder.as_ref().and_then(|_| brake.span_of(RECORDED));
+        let keep_up = session.recorder.as_ref().and_then(|_| brake.span_of(RECORDED));
         let mut kept_up = Instant::START;
-        loop {
-            let limit = if self.pace == Pace::Max { Limit::NONE } else { brake.limit() };
+        let mut interrupted = std::pin::pin!(interrupted);
+        let ended = 'play: loop {
+            let patience = session.spoke + self.patience;
+            let limit = if self.pace == Pace::Max { Limit::until(patience) } else { brake.limit() };
+            let limit = limit.earlier(Some(patience));
             let mut steps = 0;
-            while stage.rig.step(limit).await? {
-                stage.take_note()?;
-                progress(stage.progress());
+            while session.rig.step(limit).await? {
+                session.take_note()?;
+                progress(session.progress());
                 steps += 1;
                 if steps % STEPS_PER_LOOK == 0 {
-                    tokio::task::yield_now().await;
+                    tokio::select! {
+                        biased;
+                        () = &mut interrupted => break 'play Ended::Interrupted,
+                        () = tokio::task::yield_now() => {}
+                    }
                 }
             }
-            stage.take_note()?;
-            progress(stage.progress());
-            if stage.rig.engine().is_quiet() {
-                break;
+            session.take_note()?;
+            progress(session.progress());
+            if session.rig.engine().is_quiet() {
+                break Ended::Quiet;
             }
-            let mut next = stage.rig.engine().next_instant();
+            if limit.until == session.spoke + self.patience {
+                break Ended::OutOfPatience;
+            }
+            if self.pace == Pace::Max {
+                continue;
+            }
+            let mut next = session.rig.engine().next_instant();
             if let Some(every) = keep_up {
                 if limit.until >= kept_up + every {
                     kept_up = limit.until;
-                    stage.rig.settle(kept_up).await?;
-                    stage.take_note()?;
+                    session.rig.settle(kept_up).await?;
+                    session.take_note()?;
                 }
                 next = next.min(kept_up + every);
             }
-            if let Some(recorder) = &mut stage.recorder {
+            if let Some(recorder) = &mut session.recorder {
                 recorder.before_wait(brake.wall_until(next))?;
             }
             tokio::select! {
-                () = stage.rig.news() => {}
+                () = &mut interrupted => break Ended::Interrupted,
+                () = session.rig.news() => {}
                 passed = brake.wait_past(next) => {
                     passed.map_err(RigError::from)?;
                     if let Some(by) = brake.reached(next) {
@@ -211,10 +278,15 @@ impl Play {
                     }
                 }
             }
-        }
-        let end = stage.settle().await?;
-        progress(stage.progress());
-        stage.finish(self.program.frames.len(), end)
+        };
+        let now = match ended {
+            Ended::Interrupted if self.pace != Pace::Max => brake.limit().until,
+            Ended::OutOfPatience => session.spoke + self.patience,
+            Ended::Interrupted | Ended::Quiet => Instant::START,
+        };
+        let end = session.settle(ended, now).await?;
+        progress(session.progress());
+        session.finish(self.program.frames.len(), ended, end)
     }
 }
 
@@ -233,7 +305,7 @@ fn break_it(rig: &mut Rig, breakage: &Breakage) -> Result<(), RigError> {
     Ok(())
 }
 
-impl Stage {
+impl Session {
     fn new(rig: Rig, waveforms: bool, path: Option<ToolPath>, recorder: Option<Recorder>) -> Self {
         Self {
             digest: Digest::new(&rig),
@@ -248,6 +320,7 @@ impl Stage {
             facts: Vec::new(),
             bytes_sent: 0,
             now: Instant::START,
+            spoke: Instant::START,
             incidents: Vec::new(),
         }
     }
@@ -280,6 +353,7 @@ impl Stage {
             if let Fact::Event { node, at, event, value } = fact {
                 self.now = self.now.max(*at);
                 if *node == self.rig.pc() {
+                    self.spoke = self.spoke.max(*at);
                     self.listen(PcEvent::from_numbers(*event, *value));
                 }
             }
@@ -308,15 +382,23 @@ impl Stage {
         Progress { now: self.now, conversation: &self.conversation, facts: &self.facts }
     }
 
-    /// Lets happen what is left once the rig is quiet. Gives the instant since which it is.
-    async fn settle(&mut self) -> Result<Instant, SessionError> {
-        let end = self.rig.engine().quiet_since();
-        self.rig.catch_up(end.next()).await?;
+    /// Lets happen what is left, up to `now` unless the rig is quiet. Gives the last instant of the play: the one since
+    /// which the rig is quiet, if it is.
+    async fn settle(&mut self, ended: Ended, now: Instant) -> Result<Instant, SessionError> {
+        let end = if ended == Ended::Quiet {
+            let end = self.rig.engine().quiet_since();
+            self.rig.catch_up(end.next()).await?;
+            end
+        } else {
+            let until = self.rig.engine().frontier().max(now);
+            self.rig.settle(until).await?;
+            until - Span::from_nanos(1)
+        };
         self.take_note()?;
         Ok(end)
     }
 
-    fn finish(mut self, frames: usize, end: Instant) -> Result<Finale, SessionError> {
+    fn finish(mut self, frames: usize, ended: Ended, end: Instant) -> Result<Played, SessionError> {
         let outcome = self.conversation.outcome(frames);
         let digest = self.digest.sum();
         let last = End { digest: digest.to_string(), at: end, outcome: outcome.name().to_owned() };
@@ -326,13 +408,15 @@ impl Stage {
         if let Some(trace) = &mut self.trace {
             (trace.settled, trace.end) = (end.next(), Some(last));
         }
-        let board = |(id, node): (NodeId, &crate::rig::Node)| BoardFinale {
+        let board = |(id, node): (NodeId, &crate::rig::Node)| PlayedBoard {
             name: node.name.clone(),
             pid: node.pid.unwrap_or_else(std::process::id),
             telemetry: self.telemetry.of(id),
+            waits_for: self.rig.waits_for(id, &self.telemetry.values(id)),
         };
-        Ok(Finale {
+        Ok(Played {
             outcome,
+            ended,
             end,
             digest,
             boards: self.rig.nodes().iter().enumerate().filter(|(id, _)| *id != self.rig.pc()).map(board).collect(),

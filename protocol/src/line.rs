@@ -62,17 +62,18 @@ impl Waveform {
 
     /// The level at `t`; an edge at `t` counts.
     pub fn level_at(&self, t: Instant) -> Level {
-        match self.edges.partition_point(|edge| edge.at <= t) {
-            0 => self.before,
-            n => self.edges[n - 1].level,
-        }
+        self.level_after(self.edges.partition_point(|edge| edge.at <= t))
     }
 
-    /// The level from `first` to `last`, if it does not change in between.
+    /// The level just before `t`; an edge at `t` does not count.
+    pub fn level_before(&self, t: Instant) -> Level {
+        self.level_after(self.edges.partition_point(|edge| edge.at < t))
+    }
+
+    /// The level just before `first`, if it is still that just before `last`.
     pub fn steady(&self, first: Instant, last: Instant) -> Option<Level> {
-        let n = self.edges.partition_point(|edge| edge.at <= first);
-        let level = if n == 0 { self.before } else { self.edges[n - 1].level };
-        self.edges.get(n).is_none_or(|edge| edge.at > last).then_some(level)
+        let n = self.edges.partition_point(|edge| edge.at < first);
+        self.edges.get(n).is_none_or(|edge| edge.at >= last).then(|| self.level_after(n))
     }
 
     /// The first edge to low at or after `t`.
@@ -110,6 +111,11 @@ impl Waveform {
         self.edges.last().map_or(self.before, |edge| edge.level)
     }
 
+    /// The level after the first `n` edges known.
+    fn level_after(&self, n: usize) -> Level {
+        n.checked_sub(1).map_or(self.before, |last| self.edges[last].level)
+    }
+
     fn first_from(&self, t: Instant, level: Level) -> Option<Instant> {
         let n = self.edges.partition_point(|edge| edge.at < t);
         self.edges[n..].iter().find(|edge| edge.level == level).map(|edge| edge.at)
@@ -137,6 +143,17 @@ mod tests {
         assert_eq!([9, 10, 19, 20].map(|t| line.level_at(at(t))), [Level::High, Level::Low, Level::Low, Level::High]);
         assert_eq!(line.falling_from(at(10)), Some(at(10)));
         assert_eq!(line.falling_from(at(11)), None);
+    }
+
+    #[test]
+    fn what_a_sample_reads_is_the_level_before_it() {
+        let line = pulse();
+        assert_eq!(
+            [10, 11, 20, 21].map(|t| line.level_before(at(t))),
+            [Level::High, Level::Low, Level::Low, Level::High]
+        );
+        assert_eq!(line.steady(at(11), at(20)), Some(Level::Low));
+        assert_eq!([(10, 11), (11, 21)].map(|(first, last)| line.steady(at(first), at(last))), [None, None]);
     }
 
     #[test]

@@ -43,6 +43,17 @@ pub fn output(arguments: &[&str]) -> Output {
     torno(arguments).output().unwrap()
 }
 
+/// Writes a scenario, and tests it through the binary: the exit code, standard output, standard error, the path.
+pub fn test(text: &str) -> (Option<i32>, String, String, String) {
+    let folder = folder();
+    let path = folder.path().join("a.toml");
+    std::fs::write(&path, text).unwrap();
+    let path = path.to_str().unwrap().to_owned();
+    let output = output(&["test", &path]);
+    let [out, err] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
+    (output.status.code(), out, err, path)
+}
+
 /// Whether a program that others wrote is there, as `check` finds out. Where it is not, says that its test is skipped;
 /// in CI it must be there.
 pub fn is_installed(name: &str, check: &mut Command) -> bool {

@@ -5,8 +5,7 @@
 
 use std::collections::BTreeMap;
 
-use torno::pace::Pace;
-use torno::play::{Breakage, DEMONSTRATION, Finale, Play};
+use torno::play::{Breakage, DEMONSTRATION, Play, Played};
 use torno::rig::Driver;
 use torno::rig::file::RigFile;
 use torno_protocol::lathe::Program;
@@ -46,19 +45,10 @@ pub fn demonstration() -> Program {
 }
 
 /// Plays frames in processes, with all waveforms.
-pub fn play(frames: &[[u8; 8]], breakages: Vec<Breakage>) -> Finale {
+pub fn play(frames: &[[u8; 8]], breakages: Vec<Breakage>) -> Played {
     let file = RigFile::load("lathe").unwrap();
     let program = Program { frames: frames.to_vec() };
-    let play = Play {
-        file,
-        program,
-        driver: processes(),
-        pace: Pace::Max,
-        breakages,
-        waveforms: true,
-        measure: false,
-        keep: None,
-    };
+    let play = Play { breakages, waveforms: true, ..Play::new(file, program, processes()) };
     block_on(play.run(|_| ())).unwrap()
 }
 
@@ -101,9 +91,9 @@ impl Dump {
         Self { wires, end: now.unwrap() }
     }
 
-    pub fn of(finale: &Finale) -> Self {
+    pub fn of(played: &Played) -> Self {
         let mut bytes = Vec::new();
-        finale.waveforms.as_ref().unwrap().write(&mut bytes, finale.end, Span::from_millis(2)).unwrap();
+        played.waveforms.as_ref().unwrap().write(&mut bytes, played.end, Span::from_millis(2)).unwrap();
         Self::read(std::str::from_utf8(&bytes).unwrap())
     }
 

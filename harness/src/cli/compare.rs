@@ -5,7 +5,6 @@ use std::process::ExitCode;
 
 use anyhow::bail;
 use torno::observe::{Ledger, log};
-use torno::pace::Pace;
 use torno::play::Play;
 use torno::report::{Comparison, Side};
 use torno::rig::Driver;
@@ -54,24 +53,15 @@ impl Candidate {
         let Self { file, set } = self;
         let mut ledger = Ledger::new(&Header::new(&file, rig, 0, None));
         let name = file.name.clone();
-        let play = Play {
-            file,
-            program,
-            driver: Driver::InProcess,
-            pace: Pace::Max,
-            breakages: Vec::new(),
-            waveforms: false,
-            measure: false,
-            keep: None,
-        };
-        let finale = play.run(|progress| ledger.add(progress.facts)).await?;
+        let play = Play::new(file, program, Driver::InProcess);
+        let played = play.run(|progress| ledger.add(progress.facts)).await?;
         Ok(Side {
             rig: name,
             set,
-            outcome: finale.outcome.name(),
-            digest: finale.digest.to_string(),
-            virtual_s: finale.end.as_secs_f64(),
-            account: ledger.close(finale.end),
+            outcome: played.outcome.name(),
+            digest: played.digest.to_string(),
+            virtual_s: played.end.as_secs_f64(),
+            account: ledger.close(played.end),
         })
     }
 }

@@ -7,9 +7,10 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use anyhow::Context;
+use torno::fault::parse_span;
 use torno::observe::{ToolPath, log};
 use torno::pace::Pace;
-use torno::play::{Finale, Play};
+use torno::play::{Ended, Play, Played, Progress};
 use torno::report::page::Page;
 use torno::report::{Bar, BoardSummary, Cut, Frames, Stats, Summary, failures};
 use torno::trace::Header;
@@ -52,6 +53,9 @@ pub(super) struct Arguments {
     /// Records everything that happens, for 'torno trace', 'torno replay' and 'torno diff'; overwrites a trace
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
+    /// Gives up when the PC has neither sent nor heard anything for so long, in virtual time
+    #[arg(long, default_value = "3600 s", value_name = "TIME")]
+    patience: String,
     /// Prints the summary as one line of JSON
     #[arg(long)]
     json: bool,
@@ -83,29 +87,31 @@ impl Arguments {
         let waveforms = vcd.is_some();
         let driver = driver(self.in_process)?;
         let (pace, measure, breakages) = (self.pace, self.stats, Vec::new());
-        let play = Play { file, program, driver, pace, breakages, waveforms, measure, keep };
+        let patience = parse_span(&self.patience).map_err(|message| anyhow::anyhow!("--patience: {message}"))?;
+        let play = Play { pace, breakages, waveforms, measure, keep, patience, ..Play::new(file, program, driver) };
 
         let mut interrupt = Interrupt::listen()?;
         let bar = Bar::new(frames, started);
-        let run = play.record(recorder, |progress| bar.update(progress.conversation.accepted, Some(progress.now)));
-        let mut finale = tokio::select! {
-            finale = run => finale?,
-            () = interrupt.received() => return Ok(ExitCode::from(INTERRUPTED)),
-        };
+        let progress = |progress: Progress<'_>| bar.update(progress.conversation.accepted, Some(progress.now));
+        let mut played = play.record(recorder, progress, interrupt.received()).await?;
         bar.clear();
-        if let (Some((path, file)), Some(waveforms)) = (vcd, &finale.waveforms) {
-            waveforms.write(file, finale.end, tail).with_context(|| format!("cannot write '{}'", path.display()))?;
+        if let (Some((path, file)), Some(waveforms)) = (vcd, &played.waveforms) {
+            waveforms.write(file, played.end, tail).with_context(|| format!("cannot write '{}'", path.display()))?;
         }
-        let part = asked.zip(finale.path.take().map(ToolPath::cut));
+        let part = asked.zip(played.path.take().map(ToolPath::cut));
         let cut = part.map(|((part, asked), turned)| Cut::new(part, asked, turned));
         if let (Some((path, mut file)), Some(cut)) = (drawing, &cut) {
             let svg = cut.draw(&rig, &program_name);
             let written = file.write_all(svg.as_bytes()).and_then(|()| file.flush());
             written.with_context(|| format!("cannot write '{}'", path.display()))?;
         }
-        let completed = finale.outcome == Outcome::Completed;
-        let (part, trace) = (cut.as_ref().map(|cut| cut.summary.clone()), finale.trace.take());
-        let summary = Summary { part, ..summary(finale, rig, program_name, frames, self.seed, started) };
+        let code = match played.ended {
+            Ended::Interrupted => ExitCode::from(INTERRUPTED),
+            Ended::Quiet if played.outcome == Outcome::Completed => ExitCode::SUCCESS,
+            Ended::Quiet | Ended::OutOfPatience => ExitCode::from(FAILED),
+        };
+        let (part, trace) = (cut.as_ref().map(|cut| cut.summary.clone()), played.trace.take());
+        let summary = Summary { part, ..summary(played, rig, program_name, frames, self.seed, started) };
         if let (Some((path, mut file)), Some(trace)) = (report, trace) {
             let html = Page { trace: &trace, summary: Some(&summary), cut: cut.as_ref() }.html()?;
             let written = file.write_all(html.as_bytes()).and_then(|()| file.flush());
@@ -113,7 +119,7 @@ impl Arguments {
         }
         let text = if self.json { serde_json::to_string(&summary)? + "\n" } else { summary.text(colour()) };
         print(&text)?;
-        Ok(if completed { ExitCode::SUCCESS } else { ExitCode::from(FAILED) })
+        Ok(code)
     }
 }
 
@@ -122,28 +128,28 @@ fn create(path: &Path) -> anyhow::Result<(&Path, BufWriter<File>)> {
     Ok((path, BufWriter::new(file)))
 }
 
-fn summary(finale: Finale, rig: String, program: String, frames: usize, seed: u64, started: Instant) -> Summary {
+fn summary(played: Played, rig: String, program: String, frames: usize, seed: u64, started: Instant) -> Summary {
     let wall = started.elapsed();
     let wall_s = wall.as_secs_f64();
-    let virtual_s = finale.end.as_secs_f64();
+    let virtual_s = played.end.as_secs_f64();
     Summary {
         rig: Some(rig),
         port: None,
         program,
-        outcome: finale.outcome.name(),
-        frames: Frames::new(&finale.conversation, frames),
-        failures: failures(&finale.conversation),
+        outcome: played.outcome.name(),
+        frames: Frames::new(&played.conversation, frames),
+        failures: failures(&played.conversation).into_iter().chain(played.cut_short()).collect(),
         virtual_s: Some(virtual_s),
         wall_s,
         speedup: Some(virtual_s / wall_s),
         seed: Some(seed),
-        digest: Some(finale.digest.to_string()),
+        digest: Some(played.digest.to_string()),
         pid: std::process::id(),
-        incidents: finale.incidents.iter().map(|incident| format!("{}: {incident}", incident.at)).collect(),
+        incidents: played.incidents.iter().map(|incident| format!("{}: {incident}", incident.at)).collect(),
         part: None,
-        stats: finale.measured.map(|measured| Stats::new(&finale.costs, virtual_s, wall, measured)),
-        order: finale.boards.iter().map(|board| board.name.clone()).collect(),
-        boards: finale
+        stats: played.measured.map(|measured| Stats::new(&played.costs, virtual_s, wall, measured)),
+        order: played.boards.iter().map(|board| board.name.clone()).collect(),
+        boards: played
             .boards
             .into_iter()
             .map(|board| (board.name, BoardSummary { pid: board.pid, telemetry: board.telemetry }))

@@ -8,7 +8,7 @@ use std::str::FromStr;
 
 use anyhow::Context;
 use torno::observe::log;
-use torno::report::{Bar, Tested};
+use torno::report::{Bar, Tested, seed_text};
 use torno::rig::Driver;
 use torno::scenario::{Scenario, run_all};
 use torno::sweep::{Run, Scene, Table, Variation, Verdict, Whole, cells, merge, shrink};
@@ -24,7 +24,7 @@ pub(super) struct Arguments {
     /// Seeds 0 to N−1 for each combination of values
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
     seeds: u64,
-    /// What to vary: fault.NAME.FIELD, BOARD.TABLE.FIELD, BOARD.clock_ppm or pc.FIELD, as
+    /// What to vary: fault.NAME.FIELD, line.LINE.noise, BOARD.TABLE.FIELD, BOARD.clock_ppm or pc.FIELD, as
     /// PLACE=FROM..TO, PLACE=FROM..TO/COUNT or PLACE=VALUE,VALUE… (may be given several times)
     #[arg(long, value_name = "PLACE=VALUES")]
     vary: Vec<String>,
@@ -149,13 +149,11 @@ fn record(sweep: &Whole, job: &Job, tested: &Tested) -> Run {
 
 /// The first failure, with the fewest faults that still cause one.
 fn why(scene: &Scene, job: &Job, tested: &Tested) -> anyhow::Result<String> {
-    let all = scene.faults();
+    let all = scene.faults(&job.values);
     let fails = |faults: &[String]| -> anyhow::Result<bool> {
         let without: Vec<String> = all.iter().filter(|fault| !faults.contains(fault)).cloned().collect();
-        let kept = |path: &str| !without.iter().any(|fault| path.starts_with(&format!("fault.{fault}.")));
-        let values: Vec<_> = job.values.iter().filter(|(path, _)| kept(path)).cloned().collect();
-        // Without a fault that a step heals, there is no such scenario.
-        let Ok(scenario) = scene.without(&without).with(&values, job.seed) else { return Ok(false) };
+        // Without its faults there may be nothing left in it.
+        let Ok(scenario) = scene.without(&without).with(&job.values, job.seed) else { return Ok(false) };
         let tested = run_all(&[(tested.path.clone(), scenario)], &Driver::InProcess, 1, |_| ());
         Ok(tested.into_iter().collect::<Result<Vec<_>, _>>()?.iter().any(|tested| !tested.outcome.failures.is_empty()))
     };
@@ -164,7 +162,8 @@ fn why(scene: &Scene, job: &Job, tested: &Tested) -> anyhow::Result<String> {
     let faults =
         if needed.is_empty() { "even without a fault".to_owned() } else { format!("by {}", needed.join(", ")) };
     let failures: Vec<String> = tested.outcome.failures.iter().map(ToString::to_string).collect();
-    Ok(format!("\nfirst failure: {}seed {}, {faults}\n{}\n", values.concat(), job.seed, failures.join("\n")))
+    let seed = seed_text(job.seed, &tested.drawn);
+    Ok(format!("\nfirst failure: {}seed {seed}, {faults}\n{}\n", values.concat(), failures.join("\n")))
 }
 
 /// The runs in a file of results, each with where it stands.

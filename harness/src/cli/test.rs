@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::Context;
 use torno::observe::log;
-use torno::report::{Bar, TestReport};
+use torno::report::{Bar, TestReport, seed_text};
 use torno::scenario::{Scenario, run_all, run_recorded};
 use torno::trace::{Header, Recorder, SessionError};
 
@@ -47,6 +47,11 @@ impl Arguments {
         }
         let driver = driver(!self.processes)?;
         let recorder = self.record.as_deref().map(|path| recorder(path, &scenarios)).transpose()?;
+        if !self.json {
+            let random = scenarios.iter().filter(|(_, scenario)| scenario.is_random());
+            let line = |(_, s): &(String, Scenario)| format!("{}: seed {}\n", s.name, seed_text(s.seed, &s.drawn));
+            print(&random.map(line).collect::<String>())?;
+        }
         let jobs = self.jobs.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
         let bar = Bar::of_scenarios(scenarios.len());
         let tested = match (&scenarios[..], recorder) {

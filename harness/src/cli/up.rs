@@ -6,11 +6,12 @@ use std::process::ExitCode;
 
 use serde::Serialize;
 use torno::control::{Control, socket_beside};
-use torno::fault;
+use torno::fault::{self, FaultFile};
 use torno::live::Live;
 use torno::observe::log;
 use torno::pace::Pace;
 use torno::port::{LinkPath, PcPort};
+use torno::report::seed_text;
 use torno::rig::file::{DEFAULT, RigFile};
 use torno::rig::names::Names;
 use torno::trace::Header;
@@ -82,7 +83,11 @@ impl Arguments {
             None => LinkPath::Default { rig: file.name.clone() },
         };
         let names = Names::of(&file);
-        let faults = self.faults.as_deref().map_or(Ok(Vec::new()), |path| fault::load(path, &names))?;
+        let FaultFile { seed, drawn, faults } =
+            self.faults.as_deref().map_or(Ok(FaultFile::default()), |path| fault::load(path, &names))?;
+        if self.faults.is_some() {
+            tracing::info!("seed {}", seed_text(seed, &drawn));
+        }
         let port = PcPort::open(link, file.pc.baud)?;
         let socket = self.control.unwrap_or_else(|| socket_beside(port.link()));
         let control = Control::open(&socket)?;
@@ -106,7 +111,7 @@ impl Arguments {
             () = interrupt.received() => {}
         }
         for name in live.unfired() {
-            tracing::warn!("the fault '{name}' has broken nothing");
+            tracing::warn!("the fault '{name}' has not fired");
         }
         Ok(ExitCode::SUCCESS)
     }

@@ -1,41 +1,45 @@
 //! Conditions as files say them.
 
+use std::ops::Range;
+
 use serde::Deserialize;
-use toml::Spanned;
+use toml::{Spanned, Value};
+use torno_protocol::time::Span;
 
 use super::{Claim, Condition};
+use crate::dialect::Dialect;
+use crate::fault::span;
 use crate::rig::names::Names;
 use crate::text::{Complaint, nearest};
 
-/// A condition as a file says it.
+/// A condition as a file says it: one of [`KINDS`], and what belongs to it.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct RawCondition {
-    pub(crate) within: Option<Spanned<String>>,
+    within: Option<Spanned<String>>,
     reply: Option<Spanned<String>>,
     line: Option<Spanned<String>>,
     character: Option<Spanned<u64>>,
     board: Option<Spanned<String>>,
     event: Option<Spanned<String>>,
     quantity: Option<Spanned<String>>,
-    equals: Option<i64>,
-    at_least: Option<i64>,
-    at_most: Option<i64>,
+    equals: Option<Spanned<Value>>,
+    at_least: Option<Spanned<Value>>,
+    at_most: Option<Spanned<Value>>,
     part: Option<Spanned<String>>,
 }
 
-#[derive(Clone, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct RawClaim {
-    board: Spanned<String>,
-    quantity: Spanned<String>,
-    equals: Option<i64>,
-    at_least: Option<i64>,
-    at_most: Option<i64>,
-}
+/// What a condition can be about, and the fields that it has then beyond its own.
+const KINDS: [(&str, &[&str]); 5] = [
+    ("reply", &[]),
+    ("line", &["character"]),
+    ("event", &["board"]),
+    ("quantity", &["board", "equals", "at_least", "at_most"]),
+    ("part", &[]),
+];
 
 /// Replies in a row, each with its letters and numbers: `ACK`, `NAK o`, `CAN d n`, `KX 20`.
-pub(crate) fn words(text: &str) -> Vec<String> {
+fn words(text: &str) -> Vec<String> {
     let mut replies: Vec<String> = Vec::new();
     for word in text.split_whitespace() {
         match replies.last_mut() {
@@ -54,11 +58,99 @@ fn is_rest(word: &str) -> bool {
     matches!(word.as_bytes(), [letter] if letter.is_ascii_lowercase()) || word.parse::<i64>().is_ok()
 }
 
+/// Replies in a row, all of which the PC can hear.
+///
+/// # Errors
+/// Where, what was expected, what was found.
+pub(crate) fn replies(text: &Spanned<String>, dialect: &dyn Dialect) -> Result<Vec<String>, Complaint> {
+    let words = words(text.get_ref());
+    words.iter().try_for_each(|reply| dialect.check_reply(reply)).map_err(|message| (text.span(), message))?;
+    Ok(words)
+}
+
 impl RawCondition {
-    /// The event of the part, if that is what it says, and nothing else.
-    pub(crate) fn of_part(&self) -> Option<&Spanned<String>> {
-        let others = [&self.reply, &self.line, &self.board, &self.event, &self.quantity, &self.within];
-        self.part.as_ref().filter(|_| others.into_iter().all(Option::is_none) && self.character.is_none())
+    /// What it is about, and where that stands.
+    ///
+    /// # Errors
+    /// It is about nothing, or about several things.
+    fn kind(&self) -> Result<(&'static str, Range<usize>), Complaint> {
+        let found: Vec<_> = self.fields().filter(|(name, _)| KINDS.iter().any(|(kind, _)| kind == name)).collect();
+        match &found[..] {
+            [one] => Ok(one.clone()),
+            [] => {
+                let place = self.fields().map(|(_, place)| place).next().unwrap_or(0..0);
+                let message = "expected a reply; or a line and a character; or a board with an event or a quantity";
+                Err((place, message.to_owned()))
+            }
+            [(first, _), (second, place), ..] => {
+                Err((place.clone(), format!("{second}: expected either this or {first}, not both")))
+            }
+        }
+    }
+
+    /// What it says, and where.
+    fn fields(&self) -> impl Iterator<Item = (&'static str, Range<usize>)> {
+        fn place<T>(field: Option<&Spanned<T>>) -> Option<Range<usize>> {
+            field.map(Spanned::span)
+        }
+        let fields = [
+            ("reply", place(self.reply.as_ref())),
+            ("line", place(self.line.as_ref())),
+            ("event", place(self.event.as_ref())),
+            ("quantity", place(self.quantity.as_ref())),
+            ("part", place(self.part.as_ref())),
+            ("character", place(self.character.as_ref())),
+            ("board", place(self.board.as_ref())),
+            ("equals", place(self.equals.as_ref())),
+            ("at_least", place(self.at_least.as_ref())),
+            ("at_most", place(self.at_most.as_ref())),
+            ("within", place(self.within.as_ref())),
+        ];
+        fields.into_iter().filter_map(|(name, place)| Some((name, place?)))
+    }
+
+    /// Refuses what means nothing to a condition of this kind.
+    fn check_fields(&self, kind: &str) -> Result<(), Complaint> {
+        let own = KINDS.iter().find(|(name, _)| *name == kind).map_or(&[][..], |(_, own)| own);
+        match self.fields().find(|(name, _)| *name != kind && !own.contains(name)) {
+            None => Ok(()),
+            Some(("within", place)) => {
+                let message = "within: only a step that waits has so much time: expected none here";
+                Err((place, message.to_owned()))
+            }
+            Some((name, place)) if own.is_empty() => {
+                Err((place, format!("{name}: means nothing beside {kind}: expected {kind} alone")))
+            }
+            Some((name, place)) => {
+                Err((place, format!("{name}: means nothing beside {kind}: expected {kind} and {}", own.join(", "))))
+            }
+        }
+    }
+
+    /// The event of the part, if it is about that.
+    ///
+    /// # Errors
+    /// It is about something else, too.
+    pub(crate) fn of_part(&self) -> Result<Option<&Spanned<String>>, Complaint> {
+        if self.part.is_some() {
+            let (kind, _) = self.kind()?;
+            self.check_fields(kind)?;
+        }
+        Ok(self.part.as_ref())
+    }
+
+    /// What a step waits for, and for how long if it says so.
+    ///
+    /// # Errors
+    /// Where, what was expected, what was found.
+    pub(crate) fn awaited(&self, names: &Names) -> Result<(Condition, Option<Span>), Complaint> {
+        let Some(text) = &self.within else { return Ok((self.check(names)?, None)) };
+        let within = span(text)?;
+        if within == Span::ZERO {
+            return Err((text.span(), "within: nothing comes in no time: expected a time above 0".to_owned()));
+        }
+        let condition = Self { within: None, ..self.clone() };
+        Ok((condition.check(names)?, Some(within)))
     }
 
     /// The condition, in a rig with these names.
@@ -66,30 +158,27 @@ impl RawCondition {
     /// # Errors
     /// Where, what was expected, what was found.
     pub(crate) fn check(&self, names: &Names) -> Result<Condition, Complaint> {
-        if let Some(nth) = self.character.as_ref().filter(|nth| self.line.is_none() || *nth.get_ref() == 0) {
-            return Err((nth.span(), "character: expected which one of a line, from 1".to_owned()));
-        }
-        if let Some(part) = &self.part {
+        let (kind, place) = self.kind()?;
+        if kind == "part" {
             let message = "part: the part is cut when all is done: expected this alone, in expect.never";
-            return Err((part.span(), message.to_owned()));
+            return Err((place, message.to_owned()));
         }
+        self.check_fields(kind)?;
         match self {
-            Self { reply: Some(reply), line: None, board: None, .. } => {
-                let text = words(reply.get_ref()).join(" ");
-                let known = names.dialect.replies();
-                let first = text.split(' ').next().unwrap_or_default();
-                if !known.contains(&first) {
-                    let message = format!("there is no reply '{}'{}", reply.get_ref(), nearest(first, known));
-                    return Err((reply.span(), message));
-                }
-                Ok(Condition::Reply(text))
-            }
-            Self { line: Some(line), reply: None, board: None, .. } => {
+            Self { reply: Some(reply), .. } => match &replies(reply, names.dialect)?[..] {
+                [one] => Ok(Condition::Reply(one.clone())),
+                several => Err((reply.span(), format!("expected one reply, found {}", several.len()))),
+            },
+            Self { line: Some(line), .. } => {
                 let (node, port) = names.senders[names.line(line)?];
                 let nth = self.character.as_ref().map_or(1, |nth| *nth.get_ref());
+                if let Some(wrong) = self.character.as_ref().filter(|_| nth == 0) {
+                    return Err((wrong.span(), "character: expected which one of a line, from 1".to_owned()));
+                }
                 Ok(Condition::Character { node, port, nth, line: line.get_ref().clone() })
             }
-            Self { board: Some(board), event: Some(event), quantity: None, .. } => {
+            Self { event: Some(event), .. } => {
+                let board = self.board.as_ref().ok_or_else(|| (place, "event: expected its board, too".to_owned()))?;
                 let node = names.board(board)?;
                 let known: Vec<&str> = names.events[node].iter().map(String::as_str).collect();
                 let found = known.iter().position(|text| text == event.get_ref());
@@ -99,40 +188,70 @@ impl RawCondition {
                 })?;
                 Ok(Condition::Event { node, event: number as u8, text: event.get_ref().clone() })
             }
-            Self { board: Some(board), quantity: Some(quantity), event: None, .. } => {
-                let (equals, at_least, at_most) = (self.equals, self.at_least, self.at_most);
-                let claim = RawClaim { board: board.clone(), quantity: quantity.clone(), equals, at_least, at_most };
-                Ok(Condition::Value(claim.check(names)?))
-            }
-            _ => {
-                let place = [&self.reply, &self.line, &self.board, &self.event, &self.quantity];
-                let place = place.into_iter().flatten().map(Spanned::span).next().unwrap_or(0..0);
-                let message = "expected a reply; or a line and a character; or a board with an event or a quantity";
-                Err((place, message.to_owned()))
-            }
+            _ => Ok(Condition::Value(self.claim(names)?)),
         }
     }
-}
 
-impl RawClaim {
-    /// The claim, in a rig with these names.
+    /// The bounds of a quantity, in a rig with these names.
     ///
     /// # Errors
     /// Where, what was expected, what was found.
-    pub(crate) fn check(&self, names: &Names) -> Result<Claim, Complaint> {
-        let node = names.board(&self.board)?;
-        let signal = names.signal(node, &self.quantity)?;
-        let (least, most) = match (self.equals, self.at_least, self.at_most) {
+    pub(crate) fn claim(&self, names: &Names) -> Result<Claim, Complaint> {
+        let Some(quantity) = &self.quantity else {
+            let place = self.fields().map(|(_, place)| place).next().unwrap_or(0..0);
+            return Err((place, "expected a quantity of a board, and its bounds".to_owned()));
+        };
+        let (kind, _) = self.kind()?;
+        self.check_fields(kind)?;
+        let wrong = |message: &str| (quantity.span(), message.to_owned());
+        let board = self.board.as_ref().ok_or_else(|| wrong("quantity: expected its board, too"))?;
+        let node = names.board(board)?;
+        let signal = names.signal(node, quantity)?;
+        let bound = |bound: &Option<Spanned<Value>>| bound.as_ref().map(|bound| number(bound, quantity)).transpose();
+        let (least, most) = match (bound(&self.equals)?, bound(&self.at_least)?, bound(&self.at_most)?) {
             (Some(value), None, None) => (value, value),
-            (None, None, None) | (Some(_), ..) => {
-                return Err((self.quantity.span(), "expected equals, or at_least, at_most or both".to_owned()));
-            }
+            (None, None, None) | (Some(_), ..) => return Err(wrong("expected equals, or at_least, at_most or both")),
             (None, least, most) => (least.unwrap_or(i64::MIN), most.unwrap_or(i64::MAX)),
         };
-        let name = format!("{}.{}", self.board.get_ref(), self.quantity.get_ref());
+        let name = format!("{}.{}", board.get_ref(), quantity.get_ref());
         if least > most {
-            return Err((self.quantity.span(), format!("{name}: at_least is above at_most: nothing can be both")));
+            return Err(wrong(&format!("{name}: at_least is above at_most: nothing can be both")));
         }
         Ok(Claim { node, signal, least, most, name })
     }
+}
+
+/// A bound: a whole number, or one with the unit that the quantity has: `200`, `"200 rpm"`.
+fn number(bound: &Spanned<Value>, quantity: &Spanned<String>) -> Result<i64, Complaint> {
+    let unit = unit_of(quantity.get_ref());
+    let wrong = |why: &str| {
+        let expected = match unit {
+            Some(unit) => format!("expected a whole number of {unit}, such as 200 or \"200 {unit}\""),
+            None => format!("'{}' has no unit: expected a whole number, such as 1", quantity.get_ref()),
+        };
+        Err((bound.span(), format!("{}: {expected}{why}", bound.get_ref())))
+    };
+    let is_near = |nearest: &String| nearest.contains("did you mean");
+    match bound.get_ref() {
+        Value::Integer(value) => Ok(*value),
+        Value::String(text) => {
+            let end = text.find(|c: char| !matches!(c, '0'..='9' | '-' | '+')).unwrap_or(text.len());
+            let (value, found) = (text[..end].parse(), text[end..].trim());
+            match (value, unit) {
+                (Ok(value), Some(unit)) if unit == found => Ok(value),
+                (Ok(_), Some(unit)) => wrong(&Some(nearest(found, &[unit])).filter(is_near).unwrap_or_default()),
+                _ => wrong(""),
+            }
+        }
+        _ => wrong(""),
+    }
+}
+
+/// The units that quantities have: the last word of their names.
+const UNITS: [&str; 3] = ["counts", "rpm", "increments"];
+
+/// The unit of a quantity, if it has one.
+fn unit_of(quantity: &str) -> Option<&'static str> {
+    let last = quantity.rsplit_once('_')?.1;
+    UNITS.into_iter().find(|unit| *unit == last)
 }

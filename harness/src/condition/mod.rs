@@ -4,7 +4,7 @@
 
 mod file;
 
-pub(crate) use file::{RawClaim, RawCondition, words};
+pub(crate) use file::{RawCondition, replies};
 
 use torno_protocol::time::Instant;
 
@@ -16,7 +16,7 @@ use crate::pc::{RECEIVED, Replies};
 pub enum Condition {
     /// The PC hears a reply.
     Reply(String),
-    /// A quantity reaches a value within bounds.
+    /// A quantity is within bounds.
     Value(Claim),
     /// A board tells of an event.
     Event {
@@ -79,6 +79,11 @@ impl Condition {
     /// How often what is looked out for must be seen.
     pub const fn occurrences(&self) -> u64 {
         if let Self::Character { nth, .. } = self { *nth } else { 1 }
+    }
+
+    /// Whether it holds by what each quantity of each board is: what happens in an instant never does.
+    pub fn holds(&self, value: impl Fn(NodeId, u8) -> i64) -> bool {
+        matches!(self, Self::Value(claim) if claim.holds(value(claim.node, claim.signal)))
     }
 
     /// Whether what was seen at `at` is what was meant, if the PC has heard these replies.

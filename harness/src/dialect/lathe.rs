@@ -4,12 +4,12 @@
 //! characters of all lines are read together, by the rules of the boards.
 
 use torno_protocol::lathe::{
-    ACK, BAUD, BEL, CAN, CHARACTER, DepthPart, ENQ, FRAME_GAP, Fault, Frame, Parity, Program, Refusal, Reply,
+    ACK, BAUD, BEL, CAN, CHARACTER, DepthPart, ENQ, FRAME_GAP, Fault, Frame, Parity, Party, Program, Refusal, Reply,
     ReplyDecoder, Slave, SpindlePart, TransversePart,
 };
 use torno_protocol::time::{Instant, Span};
 
-use super::{Dialect, Listener, Message, Reader, hex};
+use super::{Dialect, Listener, Message, Reader, hex, is_stray_byte, no_reply};
 use crate::engine::LineId;
 use crate::trace::decode::Heard;
 use crate::trace::{Header, LineInfo};
@@ -34,8 +34,19 @@ impl Dialect for Lathe {
         true
     }
 
-    fn replies(&self) -> &'static [&'static str] {
-        &["ACK", "XOFF", "XON", "NAK", "CAN"]
+    fn check_reply(&self, code: &str) -> Result<(), String> {
+        let words = ["ACK", "XOFF", "XON", "NAK", "CAN"];
+        let parties = || Slave::ALL.map(Party::Slave).into_iter().chain([Party::Master]);
+        let failures = parties().flat_map(|party| Fault::ALL.map(|fault| Reply::Can(party, fault)));
+        let lettered: Vec<String> = Refusal::ALL.map(Reply::Nak).into_iter().chain(failures).map(Reply::code).collect();
+        if words.contains(&code) || is_stray_byte(code) || lettered.iter().any(|known| known == code) {
+            return Ok(());
+        }
+        // Of the many with letters, those that begin alike.
+        let word = code.split(' ').next().unwrap_or_default();
+        let alike = lettered.iter().map(String::as_str).filter(|known| known.split(' ').next() == Some(word));
+        let alike: Vec<&str> = alike.collect();
+        Err(no_reply(code, if alike.is_empty() { &words } else { &alike }))
     }
 
     fn listener(&self) -> Box<dyn Listener> {

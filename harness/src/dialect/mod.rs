@@ -29,8 +29,12 @@ pub trait Dialect: Debug + Sync {
     /// Whether the controller holds a PC with `XON` and `XOFF`; if not, they are bytes like others.
     fn holds_the_pc(&self) -> bool;
 
-    /// The first words of the replies that the PC can hear.
-    fn replies(&self) -> &'static [&'static str];
+    /// Refuses what is no reply that the PC can hear, as scenarios write it: a word and its letters or numbers. The
+    /// word alone stands for every reply that begins with it.
+    ///
+    /// # Errors
+    /// The nearest that there is.
+    fn check_reply(&self, code: &str) -> Result<(), String>;
 
     /// Somebody who listens at the PC's side of the cable.
     fn listener(&self) -> Box<dyn Listener>;
@@ -90,6 +94,17 @@ pub struct Message {
     pub text: String,
     /// Something is wrong with it.
     pub flaw: bool,
+}
+
+/// Whether it stands for a byte that is no reply, as listeners put it: `?18`.
+fn is_stray_byte(code: &str) -> bool {
+    let digit = |byte: &u8| matches!(byte, b'0'..=b'9' | b'A'..=b'F');
+    matches!(code.as_bytes(), [b'?', high, low] if digit(high) && digit(low))
+}
+
+/// The complaint about what is no reply.
+fn no_reply(code: &str, known: &[&str]) -> String {
+    format!("there is no reply '{code}'{}", nearest(code, known))
 }
 
 /// The dialect of that name.

@@ -8,7 +8,7 @@ use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::Character;
 use torno_servo::{Language, Limits, compile};
 
-use super::{Dialect, Listener, Message, Reader, Reply};
+use super::{Dialect, Listener, Message, Reader, Reply, is_stray_byte, no_reply};
 use crate::trace::decode::Heard;
 use crate::trace::{Header, LineInfo};
 
@@ -32,8 +32,19 @@ impl Dialect for Servo {
         false
     }
 
-    fn replies(&self) -> &'static [&'static str] {
-        &["LINK", "KX", "KV", "ERROR"]
+    fn check_reply(&self, code: &str) -> Result<(), String> {
+        let values = [("LINK", None), ("KX", Some(0..=255)), ("KV", Some(0..=255)), ("ERROR", Some(-128..=127))];
+        let (word, value) = code.split_once(' ').map_or((code, None), |(word, value)| (word, Some(value)));
+        match (values.iter().find(|(known, _)| *known == word), value) {
+            (None, None) if is_stray_byte(code) => Ok(()),
+            (None, _) => Err(no_reply(word, &values.each_ref().map(|(known, _)| *known))),
+            (Some(_), None) => Ok(()),
+            (Some((_, Some(values))), Some(value)) => match value.parse::<i64>() {
+                Ok(value) if values.contains(&value) => Ok(()),
+                _ => Err(format!("'{code}': expected {word} alone, or a value {} to {}", values.start(), values.end())),
+            },
+            (Some((_, None)), Some(_)) => Err(format!("'{code}': expected {word} alone")),
+        }
     }
 
     fn listener(&self) -> Box<dyn Listener> {

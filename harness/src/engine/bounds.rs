@@ -7,7 +7,7 @@
 use torno_protocol::time::Instant;
 use torno_protocol::uart::Ear;
 
-use super::{Engine, LineId, NodeId};
+use super::{Engine, Life, LineId, NodeId};
 
 /// What a board's state says of the next edge on one of its ports, but for what it may yet hear.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -187,7 +187,8 @@ impl Engine {
             let node = &self.nodes[end.node];
             node.sending[usize::from(end.port)].earliest_edge(node.eit)
         });
-        let noise = wire.noise_until(self.nodes[wire.to.node].commit);
+        let receiver = &self.nodes[wire.to.node];
+        let noise = wire.noise_until((receiver.life == Life::Runs).then_some(receiver.commit));
         driven.min().unwrap_or(Instant::NEVER).min(noise)
     }
 }

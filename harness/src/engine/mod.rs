@@ -372,8 +372,9 @@ impl Engine {
             let mut next = 0;
             while let Some(id) = self.unsettled.first_from(next) {
                 next = id + 1;
-                let safe = self.nodes[id].safe_until();
+                let (safe, before) = (self.nodes[id].safe_until(), self.nodes[id].commit);
                 moved |= self.settle(id, safe.min(until));
+                moved |= self.nodes[id].commit > before && self.hears_noise(id);
                 if safe <= until {
                     self.unsettled.remove(id);
                 }
@@ -582,6 +583,10 @@ impl Engine {
         let mut next = 0;
         while let Some(line) = self.disturbed.first_from(next) {
             next = line + 1;
+            let wire = &self.lines[line];
+            let unheard_noise = wire.is_noisy() && self.nodes[wire.to.node].life != Life::Runs;
+            // It would never end.
+            let until = if until.is_never() && unheard_noise { self.frontier } else { until };
             let sure = self.sure_until(line).min(until);
             let (before, rest) = self.lines.split_at_mut(line);
             let Some((wire, after)) = rest.split_first_mut() else { break };
@@ -600,6 +605,11 @@ impl Engine {
             }
         }
         moved
+    }
+
+    /// Whether there is a line to the board that comes only as the board goes.
+    fn hears_noise(&self, id: NodeId) -> bool {
+        self.nodes[id].hears.iter().any(|(_, line)| self.lines[*line].is_noisy())
     }
 
     /// Tells a line's receiver.

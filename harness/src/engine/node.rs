@@ -12,8 +12,9 @@ use super::{LineId, Statistics, Watch};
 
 /// A mute board that is watched runs so far at a time.
 const WATCH_AHEAD: Span = Span::from_secs(1);
-/// So much is kept of what a stopped board hears on a port: at the beginning, and again at the end.
-const KEPT: usize = 32;
+/// So much is kept of what a stopped board hears on a port: at the beginning, and again at the end. Noise makes many
+/// edges of few characters.
+pub(super) const KEPT: usize = 2_000;
 
 /// What has become of a board's process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -9,6 +9,7 @@ use torno_protocol::line::Level;
 use torno_protocol::stepping::{Cell, Stepper};
 use torno_protocol::uart::{Receiver, TickTimer, Transmitter};
 
+use super::node::KEPT;
 use super::*;
 
 const BAUD: Rate = Rate::hz(9600);
@@ -180,6 +181,8 @@ struct Ring {
     faults: Vec<Fault>,
     /// A board that hears something on its second port makes another one speak.
     reacts: Option<(NodeId, NodeId)>,
+    /// Processes that end, are stopped, or go on.
+    losses: Vec<(Instant, NodeId, Life)>,
 }
 
 /// A fault on a line, and when it is asked for: ahead of time or, at the latest, when it begins.
@@ -261,7 +264,8 @@ impl Ring {
         faults.sort_by_key(|fault| fault.asked);
         let mut faults = VecDeque::from(faults);
         let asked = faults.iter().map(|fault| fault.asked);
-        let mut limits: Vec<Instant> = cuts.iter().copied().chain([until]).chain(asked).collect();
+        let lost = self.losses.iter().map(|(at, ..)| *at);
+        let mut limits: Vec<Instant> = cuts.iter().copied().chain([until]).chain(asked).chain(lost).collect();
         limits.sort();
         for limit in limits {
             let mut rounds = 0;
@@ -285,12 +289,28 @@ impl Ring {
                 assert_eq!(at, fault.from);
                 fault.until.map(|until| engine.heal(id, until));
             }
+            for (_, node, life) in self.losses.iter().filter(|(at, ..)| *at == limit) {
+                bring_to(limit, &mut engine, &mut give);
+                _ = match life {
+                    Life::Gone => engine.kill(*node),
+                    Life::Stopped => engine.stop(*node),
+                    Life::Runs => engine.resume(*node),
+                };
+            }
         }
-        let last = engine.catch_up(until);
-        give(&mut engine, last);
-        engine.poll(Limit::until(until));
+        bring_to(until, &mut engine, &mut give);
         streams(engine.take_facts(), until)
     }
+}
+
+/// Settles everything before `until`.
+fn bring_to(until: Instant, engine: &mut Engine, give: &mut impl FnMut(&mut Engine, Vec<(NodeId, Turn)>)) {
+    let mut turns = engine.catch_up(until);
+    while !turns.is_empty() {
+        give(engine, turns);
+        turns = engine.poll(Limit::until(until));
+    }
+    engine.poll(Limit::until(until));
 }
 
 /// The line goes idle at `at`: its edges from then on do not come.
@@ -349,7 +369,17 @@ fn rings() -> impl Strategy<Value = Ring> {
         1 => (-20_000_000..20_000_000i32).prop_map(|ppb| Stimulus::Clock(Clock::from_ppb(ppb).unwrap())),
     ];
     let stimuli = prop::collection::vec((0..2usize, instants(1..3_000), stimulus), 0..9);
-    (boards, stimuli).prop_map(|(boards, stimuli)| Ring { boards, stimuli, faults: vec![], reacts: None })
+    (boards, stimuli).prop_map(|(boards, stimuli)| Ring {
+        boards,
+        stimuli,
+        faults: vec![],
+        reacts: None,
+        losses: vec![],
+    })
+}
+
+fn lives() -> impl Strategy<Value = Life> {
+    prop_oneof![Just(Life::Gone), Just(Life::Stopped), Just(Life::Runs)]
 }
 
 fn disturbances() -> impl Strategy<Value = Disturbance> {
@@ -371,6 +401,14 @@ fn disturbances() -> impl Strategy<Value = Disturbance> {
         }),
         (1..5u64, tampering).prop_map(|(nth, what)| Disturbance::Character { nth, what }),
     ]
+}
+
+/// A line that is noisy all the time.
+fn noises() -> impl Strategy<Value = Fault> {
+    (0..4usize, 100..200_000u64, any::<u64>()).prop_map(|(line, period, seed)| {
+        let what = Disturbance::Noise { period: Span::from_micros(period), width: Span::from_micros(50), seed };
+        Fault { line, asked: Instant::START, from: Instant::START, until: None, what }
+    })
 }
 
 fn faults() -> impl Strategy<Value = Vec<Fault>> {
@@ -405,6 +443,40 @@ proptest! {
         let expected = late.run(&[], until);
         prop_assert_eq!(&late.run(&cuts, until), &expected);
         prop_assert_eq!(&early.run(&[], until), &expected);
+    }
+
+    #[test]
+    fn however_time_is_cut_noise_goes_on_whoever_is_lost(
+        ring in rings(),
+        faults in prop::collection::vec(noises(), 1..3),
+        mut losses in prop::collection::vec((instants(0..3_500), 0..2usize, lives()), 1..5),
+        mut cuts in prop::collection::vec(instants(0..3_500), 0..30),
+    ) {
+        losses.sort_by_key(|(at, ..)| *at);
+        // Nobody speaks through a process that is stopped.
+        let ring = Ring { stimuli: vec![], faults, losses, ..ring };
+        cuts.sort();
+        let until = Instant::START + Span::from_millis(3_500);
+        prop_assert_eq!(&ring.run(&cuts, until), &ring.run(&[], until));
+    }
+
+    #[test]
+    fn a_process_that_was_stopped_hung_whatever_noise_it_missed(
+        ring in rings(),
+        faults in prop::collection::vec(noises(), 1..3),
+        node in 0..2usize,
+        mut stop in [instants(0..3_000), instants(0..3_500)],
+        slice in 300..100_000u64,
+    ) {
+        stop.sort();
+        let until = Instant::START + Span::from_millis(3_500);
+        let losses = stop.into_iter().zip([Life::Stopped, Life::Runs]).map(|(at, life)| (at, node, life)).collect();
+        let stopped = Ring { stimuli: vec![], faults, losses, ..ring };
+        let stimuli = stop.into_iter().zip([true, false]).map(|(at, stop)| (node, at, Stimulus::Stop(stop))).collect();
+        let hung = Ring { stimuli, losses: vec![], ..stopped.clone() };
+        let cuts = (1..3_500_000 / slice).map(|n| Instant::START + Span::from_micros(n * slice));
+        let cuts: Vec<Instant> = cuts.collect();
+        prop_assert_eq!(&stopped.run(&cuts, until), &hung.run(&[], until));
     }
 
     #[test]
@@ -530,13 +602,13 @@ fn a_stopped_board_goes_on_as_a_hung_one_however_much_it_has_missed() {
     let ms = |ms: u64| Instant::START + Span::from_millis(ms);
     let mut uart = Transmitter::hardware(BAUD, Clock::TRUE);
     // The last one is coming in when the board goes on.
-    let edges: Vec<Vec<Edge>> = (0..1_000u64)
+    let edges: Vec<Vec<Edge>> = (0..10_000u64)
         .map(|n| {
             uart.push(n as u8);
             uart.load(ms(100 + 2 * n)).unwrap().edges
         })
         .collect();
-    let (stop, resume) = (ms(50), ms(100 + 2 * 999).next());
+    let (stop, resume) = (ms(50), ms(100 + 2 * 9_999).next());
     let chatterbox = || Chatterbox::new(0, false, Span::ZERO, None);
     let hang = |at, hung| Heard::Stimulus { at, stimulus: Stimulus::Stop(hung) };
 
@@ -544,7 +616,7 @@ fn a_stopped_board_goes_on_as_a_hung_one_however_much_it_has_missed() {
     let mut cell = Cell::new(chatterbox());
     [hang(stop, true), hang(resume, false)].iter().for_each(|heard| cell.hear(heard));
     edges.iter().for_each(|edges| cell.hear(&Heard::Edges { port: 0, edges: edges.clone() }));
-    cell.run(ms(3_000), |at, output| expected.push(Timed { at, output }));
+    cell.run(ms(21_000), |at, output| expected.push(Timed { at, output }));
     assert!(expected.len() > 3, "the FIFO and the last: {expected:?}");
 
     let mut node = Node::new(2);
@@ -556,8 +628,8 @@ fn a_stopped_board_goes_on_as_a_hung_one_however_much_it_has_missed() {
     edges.iter().for_each(|edges| node.hear(Heard::Edges { port: 0, edges: edges.clone() }));
     node.life = Life::Runs;
     node.hear(hang(resume, false));
-    let turn = node.turn(ms(3_000));
-    assert!(turn.heard.len() < 100, "{}", turn.heard.len());
+    let turn = node.turn(ms(21_000));
+    assert!(turn.heard.len() < 2 * KEPT + 10, "{}", turn.heard.len());
     assert_eq!(stepper.turn(&turn).unwrap().outputs, expected);
 }
 
@@ -569,7 +641,13 @@ fn a_fault_that_is_asked_for_right_after_a_start_edge_is_the_same_as_one_that_wa
     let speaks = Chatterbox::new(4_862_520, true, Span::ZERO, Some(Span::from_micros(474_433)));
     let (asked, from) = (ns(788_737_210), ns(788_795_582));
     let fault = Fault { line: 1, asked, from, until: None, what: Disturbance::Cut };
-    let late = Ring { boards: vec![quiet, speaks], stimuli: vec![], faults: vec![fault], reacts: Some((0, 1)) };
+    let late = Ring {
+        boards: vec![quiet, speaks],
+        stimuli: vec![],
+        faults: vec![fault],
+        reacts: Some((0, 1)),
+        losses: vec![],
+    };
     let mut early = late.clone();
     early.faults[0].asked = Instant::START;
     let until = ns(3_500_000_000);
@@ -614,6 +692,7 @@ fn a_cut_line_carries_nothing_more() {
         stimuli: vec![],
         faults: vec![],
         reacts: None,
+        losses: vec![],
     };
     let mut engine = Engine::new();
     (0..2).for_each(|_| _ = engine.add_node(2));
@@ -641,7 +720,7 @@ fn what_would_wake_a_stopped_board_waits_until_it_goes_on() {
     let ms = |ms: u64| Instant::START + Span::from_millis(ms);
     let chatterbox = |period| Chatterbox::new(0, false, Span::ZERO, period);
     let boards = vec![chatterbox(Some(Span::from_millis(20))), chatterbox(Some(Span::from_millis(20)))];
-    let ring = Ring { boards, stimuli: vec![], faults: vec![], reacts: None };
+    let ring = Ring { boards, stimuli: vec![], faults: vec![], reacts: None, losses: vec![] };
     let power = |on| Stimulus::Power(on);
     // Asked for while it is stopped, and long before.
     for (asked, stimuli) in [

@@ -342,9 +342,14 @@ impl Wire {
         edges
     }
 
-    /// How far noise lets this wire be handed on: noise comes as the receiver goes.
-    pub(super) fn noise_until(&self, receiver: Instant) -> Instant {
-        if self.noises.is_empty() { Instant::NEVER } else { receiver + NOISE_AHEAD }
+    /// Whether it is noisy, now or later.
+    pub(super) const fn is_noisy(&self) -> bool {
+        !self.noises.is_empty()
+    }
+
+    /// How far noise lets this wire be handed on: noise comes as the receiver goes, or as time does if there is none.
+    pub(super) fn noise_until(&self, receiver: Option<Instant>) -> Instant {
+        if self.is_noisy() { receiver.unwrap_or(self.settled()) + NOISE_AHEAD } else { Instant::NEVER }
     }
 
     /// The first instant at which the level can change and that has not been handed on, as far as it is known.

@@ -6,7 +6,7 @@ use torno_protocol::time::Instant;
 
 use super::{Broken, Fault};
 use crate::condition::Condition;
-use crate::engine::{FaultId, Hit, REACTION, WatchId};
+use crate::engine::{FaultId, Hit, NodeId, REACTION, WatchId};
 use crate::pc::Replies;
 use crate::rig::Rig;
 use crate::text::nearest;
@@ -30,13 +30,18 @@ pub struct Planned {
 }
 
 /// The faults of a running rig.
+///
+/// A fault has fired if it has begun; one that lies in wait for a character, if it has met it.
 #[derive(Debug, Default)]
 pub struct Faults {
+    /// Those that wait for something to happen.
     armed: Vec<Armed>,
+    /// Those that wait for their instant.
+    due: Vec<(Instant, Fault)>,
     /// Those that have begun and are not healed, and some that are over by themselves.
     broken: BTreeMap<String, Broken>,
-    /// Those that have not broken anything yet; on a line, they may lie in wait for a character.
-    unfired: Vec<(String, Option<FaultId>)>,
+    /// Those on a line that have not met their character yet.
+    waiting: Vec<(String, FaultId)>,
 }
 
 /// A fault that waits for something.
@@ -49,47 +54,48 @@ struct Armed {
     fault: Fault,
 }
 
-/// Why a fault cannot be healed.
+/// Why a fault cannot be healed: it has not begun, or is over.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum HealError {
-    /// There is none of that name: it has not begun, or is over.
-    #[error("it has not begun, or is over{nearest}")]
-    Unknown {
-        /// The nearest that there is.
-        nearest: String,
-    },
-    /// Its end is settled.
-    #[error("it ends by itself, at {until}")]
-    EndsByItself {
-        /// When.
-        until: Instant,
-    },
+#[error("it has not begun, or is over{nearest}")]
+pub struct HealError {
+    /// The nearest that there is.
+    nearest: String,
 }
 
 impl Faults {
-    /// Takes a fault that begins by itself, sooner or later.
-    pub fn plan(&mut self, rig: &mut Rig, planned: &Planned) {
+    /// Takes a fault that begins by itself, sooner or later; at `now`, at once if what it waits for holds already:
+    /// `value` says what each quantity of each board is then. Says since when, if it has begun.
+    pub fn plan(
+        &mut self,
+        rig: &mut Rig,
+        planned: &Planned,
+        now: Instant,
+        value: impl Fn(NodeId, u8) -> i64,
+    ) -> Option<Instant> {
         let Planned { trigger, fault } = planned;
         match trigger {
-            Trigger::At(at) => drop(self.begin(rig, fault, *at)),
-            Trigger::When(condition) => {
-                self.unfired.push((fault.name.clone(), None));
+            Trigger::At(at) if *at > now => self.due.push((*at, fault.clone())),
+            Trigger::When(condition) if !condition.holds(value) => {
                 let watch = rig.watch(condition.watch(rig.pc()));
                 let (condition, left) = (condition.clone(), condition.occurrences());
                 self.armed.push(Armed { watch, condition, left, fault: fault.clone() });
             }
+            Trigger::At(_) | Trigger::When(_) => return Some(self.begin(rig, fault, now)),
         }
+        None
     }
 
     /// Begins a fault at `at`, or as soon after it as nothing settled is touched. Says when.
     pub fn begin(&mut self, rig: &mut Rig, fault: &Fault, at: Instant) -> Instant {
         let broken = fault.begin(rig, at);
         let since = broken.since;
-        self.unfired.retain(|(name, _)| *name != fault.name);
         if let Some(lies_in_wait) = broken.line.filter(|_| fault.lies_in_wait()) {
-            self.unfired.push((fault.name.clone(), Some(lies_in_wait)));
+            self.waiting.push((fault.name.clone(), lies_in_wait));
         }
-        self.broken.insert(fault.name.clone(), broken);
+        if let Some(mut before) = self.broken.insert(fault.name.clone(), broken).filter(|b| b.ends().is_some()) {
+            // Its end has come just now.
+            before.go_on(rig);
+        }
         since
     }
 
@@ -112,58 +118,78 @@ impl Faults {
 
     /// Sees to it that a fault that has not begun will not. Says whether there was one.
     pub fn disarm(&mut self, rig: &mut Rig, name: &str) -> bool {
-        let Some(place) = self.armed.iter().position(|armed| armed.fault.name == name) else { return false };
-        rig.unwatch(self.armed.remove(place).watch);
-        self.unfired.retain(|(other, _)| other != name);
-        true
+        let waiting = self.armed.len() + self.due.len();
+        for armed in self.armed.extract_if(.., |armed| armed.fault.name == name) {
+            rig.unwatch(armed.watch);
+        }
+        self.due.retain(|(_, fault)| fault.name != name);
+        self.armed.len() + self.due.len() < waiting
     }
 
-    /// Ends a fault that has begun, at `at` or as soon after it as nothing settled is touched. Says when.
+    /// Ends a fault that lasts, at `at` or as soon after it as nothing settled is touched. Says when.
     ///
     /// # Errors
-    /// [`HealError`].
+    /// There is none of that name: it has not begun, or is over.
     pub fn heal(&mut self, rig: &mut Rig, name: &str, at: Instant) -> Result<Instant, HealError> {
-        match self.broken.get(name) {
-            Some(Broken { until, .. }) if !until.is_never() && *until > at => {
-                return Err(HealError::EndsByItself { until: *until });
-            }
-            Some(Broken { until, .. }) if until.is_never() => {}
-            _ => {
-                let known: Vec<&str> = self.active(at).map(|(name, ..)| name).collect();
-                return Err(HealError::Unknown { nearest: nearest(name, &known) });
-            }
+        self.note_fired(rig);
+        let lasting: Vec<&str> =
+            self.broken.iter().filter(|(_, broken)| broken.until > at).map(|(name, _)| name.as_str()).collect();
+        let healed = if lasting.contains(&name) { None } else { Some(nearest(name, &lasting)) };
+        match healed {
+            Some(nearest) => Err(HealError { nearest }),
+            None => Ok(self.broken.remove(name).map_or(at, |broken| {
+                let at = at.max(broken.since);
+                broken.heal(rig, at)
+            })),
         }
-        // One that is still to begin ends when it does.
-        Ok(self.broken.remove(name).map_or(at, |broken| {
-            let at = at.max(broken.since);
-            broken.heal(rig, at)
-        }))
     }
 
     /// The faults that last at `at`, and those that are still to begin: since when and until when, as far as that is
     /// known.
-    pub fn active(&self, at: Instant) -> impl Iterator<Item = (&str, Option<Instant>, Option<Instant>)> {
+    pub fn active(
+        &mut self,
+        rig: &mut Rig,
+        at: Instant,
+    ) -> impl Iterator<Item = (&str, Option<Instant>, Option<Instant>)> {
+        self.note_fired(rig);
         let ends = |until: Instant| (!until.is_never()).then_some(until);
         let broken = self.broken.iter().filter(move |(_, broken)| broken.until > at);
         let broken = broken.map(move |(name, broken)| (name.as_str(), Some(broken.since), ends(broken.until)));
-        broken.chain(self.armed.iter().map(|armed| (armed.fault.name.as_str(), None, None)))
+        let due = self.due.iter().map(|(at, fault)| (fault.name.as_str(), Some(*at), None));
+        broken.chain(due).chain(self.armed.iter().map(|armed| (armed.fault.name.as_str(), None, None)))
     }
 
-    /// When [`Faults::go_on`] is due, if a fault gets worse with time.
+    /// When [`Faults::go_on`] is due: a fault begins, gets worse or ends.
     pub fn next(&self) -> Option<Instant> {
-        self.broken.values().filter_map(Broken::next).min()
+        self.broken.values().filter_map(Broken::next).chain(self.due.iter().map(|(at, _)| *at)).min()
     }
 
-    /// Lets faults get worse that are due before or at `now`, once everything before that has happened.
-    pub fn go_on(&mut self, rig: &mut Rig, now: Instant) {
-        let due = self.broken.values_mut().filter(|broken| broken.next().is_some_and(|next| next <= now));
-        due.for_each(|broken| broken.go_on(rig));
+    /// The same without those that only get worse: who waits until all is over waits for the others, too.
+    pub fn next_turn(&self) -> Option<Instant> {
+        self.broken.values().filter_map(Broken::ends).chain(self.due.iter().map(|(at, _)| *at)).min()
     }
 
-    /// The faults that have broken nothing.
+    /// Lets faults begin, get worse and end that are due before or at `now`, once everything before that has happened.
+    /// Says which have begun, and when.
+    pub fn go_on(&mut self, rig: &mut Rig, now: Instant) -> Vec<(String, Instant)> {
+        let going = self.broken.values_mut().filter(|broken| broken.next().is_some_and(|next| next <= now));
+        going.for_each(|broken| broken.go_on(rig));
+        let due: Vec<(Instant, Fault)> = self.due.extract_if(.., |(at, _)| *at <= now).collect();
+        due.into_iter().map(|(at, fault)| (fault.name.clone(), self.begin(rig, &fault, at))).collect()
+    }
+
+    /// The faults that have not fired, but for those that have been [disarmed](Self::disarm).
     pub fn unfired(&mut self, rig: &mut Rig) -> Vec<String> {
+        self.note_fired(rig);
+        let armed = self.armed.iter().map(|armed| &armed.fault.name);
+        let due = self.due.iter().map(|(_, fault)| &fault.name);
+        armed.chain(due).chain(self.waiting.iter().map(|(name, _)| name)).cloned().collect()
+    }
+
+    /// Those that have met their character are over.
+    fn note_fired(&mut self, rig: &mut Rig) {
         let fired = rig.take_fired();
-        self.unfired.retain(|(_, lies_in_wait)| lies_in_wait.is_none_or(|fault| !fired.contains(&fault)));
-        self.unfired.iter().map(|(name, _)| name.clone()).collect()
+        self.waiting.retain(|(_, fault)| !fired.contains(fault));
+        self.broken.retain(|_, broken| broken.line.is_none_or(|fault| !fired.contains(&fault)));
     }
 }

@@ -9,7 +9,10 @@ use torno_protocol::clock::Clock;
 use torno_protocol::line::Level;
 use torno_protocol::time::{Instant, Span};
 
-use super::{Ailment, BROWN_OUT, Dice, Fault, Planned, Range as Quantities, Trigger, What, parse_ratio, parse_span};
+use super::{
+    Ailment, BROWN_OUT, Dice, Fault, NEVER_A_PULSE, Planned, Range as Quantities, Ratio, Trigger, What, parse_ratio,
+    parse_span,
+};
 use crate::condition::RawCondition;
 use crate::engine::{Disturbance, NodeId, Tampering};
 use crate::rig::names::Names;
@@ -36,11 +39,26 @@ pub const BOARD_KINDS: [&str; 14] = [
     "end-stop",
 ];
 
+/// The longest pulse of noise, if nothing else is said. (Ours: half a bit at 9600 baud.)
+const NOISE_WIDTH: Span = Span::from_micros(50);
+/// Pulses of noise follow each other so closely at the most.
+const PERIOD_MIN: Span = Span::from_micros(1);
+
+/// The mean time from the end of one pulse of noise to the next that inverts the line for this share of the time: a
+/// pulse lasts half the `width` in the mean.
+fn noise_period(share: Ratio, width: Span) -> Span {
+    let mean = width.as_nanos() as f64 / 2.0;
+    match share {
+        0 => NEVER_A_PULSE,
+        share => Span::from_nanos((mean * (1e9 - share as f64) / share as f64).round() as u64),
+    }
+}
+
 /// The fields that a kind of fault has, beyond those that all have.
 fn fields_of(kind: &str) -> &'static [&'static str] {
     match kind {
         "short" => &["with"],
-        "noise" => &["period", "width"],
+        "noise" => &["value", "period", "width"],
         "flip" => &["nth", "value"],
         "delay" => &["nth", "edge", "value"],
         "drop" | "double" => &["nth"],
@@ -65,7 +83,7 @@ pub struct RawFault {
     width: Option<Spanned<String>>,
     r#for: Option<Spanned<String>>,
     at: Option<Spanned<String>>,
-    when: Option<RawCondition>,
+    when: Option<Spanned<RawCondition>>,
 }
 
 /// A file of faults.
@@ -94,11 +112,22 @@ pub enum FaultFileError {
     Invalid(#[from] Invalid),
 }
 
+/// The faults of a file.
+#[derive(Clone, Debug, Default)]
+pub struct FaultFile {
+    /// Everything random comes from it.
+    pub seed: u64,
+    /// What has been drawn by lot from it, and for which place of the file.
+    pub drawn: Vec<(String, String)>,
+    /// The faults.
+    pub faults: Vec<Planned>,
+}
+
 /// Reads a file of faults for a rig with these names.
 ///
 /// # Errors
 /// [`FaultFileError`]: where, what was expected, what was found.
-pub fn load(path: &Path, names: &Names) -> Result<Vec<Planned>, FaultFileError> {
+pub fn load(path: &Path, names: &Names) -> Result<FaultFile, FaultFileError> {
     let name = path.display().to_string();
     let text = text::read(path).map_err(|source| FaultFileError::Unreadable { path: name.clone(), source })?;
     let invalid = |(span, message): Complaint| Invalid::at(&name, &text, span, message);
@@ -110,7 +139,7 @@ pub fn load(path: &Path, names: &Names) -> Result<Vec<Planned>, FaultFileError> 
         raw.bear_its_own_name(&planned.fault, all.iter().map(|planned| &planned.fault)).map_err(invalid)?;
         all.push(planned);
     }
-    Ok(all)
+    Ok(FaultFile { seed: raw.seed, drawn: dice.into_drawn(), faults: all })
 }
 
 impl RawFault {
@@ -119,11 +148,11 @@ impl RawFault {
     /// # Errors
     /// As [`RawFault::check`].
     pub fn plan(&self, names: &Names, dice: &mut Dice) -> Result<Planned, Complaint> {
-        let certain = self.drawn(dice)?;
+        let certain = self.drawn(names, dice)?;
         let fault = certain.check_drawn(names, dice)?;
         let trigger = match (&certain.at, &certain.when) {
             (Some(at), None) => Trigger::At(Instant::START + span(at)?),
-            (None, Some(when)) => Trigger::When(when.check(names)?),
+            (None, Some(when)) => Trigger::When(when.get_ref().check(names)?),
             (None, None) => Trigger::At(Instant::START),
             (Some(at), Some(_)) => return Err((at.span(), "expected either at or when, not both".to_owned())),
         };
@@ -132,7 +161,8 @@ impl RawFault {
 
     /// Where it says when it begins, if it does.
     pub fn says_when(&self) -> Option<Range<usize>> {
-        self.at.as_ref().map(Spanned::span)
+        let when = self.when.as_ref().map(Spanned::span);
+        self.at.as_ref().map(Spanned::span).or(when)
     }
 
     /// The fault, in a rig with these names.
@@ -140,7 +170,7 @@ impl RawFault {
     /// # Errors
     /// Where, what was expected, what was found.
     pub fn check(&self, names: &Names, dice: &mut Dice) -> Result<Fault, Complaint> {
-        self.drawn(dice)?.check_drawn(names, dice)
+        self.drawn(names, dice)?.check_drawn(names, dice)
     }
 
     /// Its name: what it is called, or its place and its kind.
@@ -150,14 +180,25 @@ impl RawFault {
         self.name.as_ref().map_or_else(usual, |name| name.get_ref().clone())
     }
 
-    /// The same with a value for each range, by lot.
-    fn drawn(&self, dice: &mut Dice) -> Result<Self, Complaint> {
-        let mut drawn = self.clone();
+    /// The same with a value for each range, by lot; the whole range must be allowed, whatever is drawn.
+    fn drawn(&self, names: &Names, dice: &mut Dice) -> Result<Self, Complaint> {
+        for n in 0..3 {
+            self.chosen(|_, range| range.extremes()[n].clone())?.check_drawn(names, dice)?;
+        }
+        self.chosen(|place, range| dice.draw(place, range))
+    }
+
+    /// The same with the value for each range that is chosen for its place.
+    fn chosen(&self, mut choose: impl FnMut(&str, &Quantities) -> String) -> Result<Self, Complaint> {
+        let mut chosen = self.clone();
         let place = |field: &str| format!("fault.{}.{field}", self.name());
-        let Self { at, r#for, period, width, value, nth, edge, .. } = &mut drawn;
+        let Self { at, r#for, period, width, value, nth, edge, .. } = &mut chosen;
         for (field, text) in [("at", at), ("for", r#for), ("period", period), ("width", width)] {
-            if let Some(text) = text {
-                *text = text_drawn(text, &place(field), dice)?;
+            if let Some(text) = text
+                && let Some(range) = Quantities::parse(text.get_ref())
+            {
+                let range = range.map_err(|message| (text.span(), message))?;
+                *text = Spanned::new(text.span(), choose(&place(field), &range));
             }
         }
         for (field, value) in [("value", value), ("nth", nth), ("edge", edge)] {
@@ -165,12 +206,12 @@ impl RawFault {
                 && let Some(range) = value.get_ref().as_str().and_then(Quantities::parse)
             {
                 let range = range.map_err(|message| (value.span(), message))?;
-                let text = dice.draw(&place(field), &range);
+                let text = choose(&place(field), &range);
                 let number = text.parse().map(Value::Integer);
                 *value = Spanned::new(value.span(), number.unwrap_or(Value::String(text)));
             }
         }
-        Ok(drawn)
+        Ok(chosen)
     }
 
     fn check_drawn(&self, names: &Names, dice: &Dice) -> Result<Fault, Complaint> {
@@ -189,6 +230,17 @@ impl RawFault {
             _ => return Err((self.kind.span(), format!("'{kind}': expected the place, either line or board"))),
         };
         let lasts = self.r#for.as_ref().map(span).transpose()?;
+        if let Some(wrong) = self.r#for.as_ref() {
+            if lasts == Some(Span::ZERO) {
+                return Err((
+                    wrong.span(),
+                    "for: what lasts no time breaks nothing: expected a time above 0".to_owned(),
+                ));
+            }
+            if what.is_over_at_once() {
+                return Err((wrong.span(), format!("for: '{kind}' is over at once: expected no time")));
+            }
+        }
         let lasts = if kind == "brown-out" { Some(lasts.unwrap_or(BROWN_OUT)) } else { lasts };
         Ok(Fault { name: self.name(), what, lasts })
     }
@@ -260,14 +312,8 @@ impl RawFault {
                 Disturbance::Short(other)
             }
             "noise" => {
-                let period =
-                    self.period.as_ref().ok_or_else(|| self.lacks("period", "the mean time between pulses"))?;
-                let width = self.width.as_ref().map_or(Ok(Span::from_micros(50)), span)?;
-                let found = span(period)?;
-                if found < Span::from_micros(1) {
-                    return Err((period.span(), format!("'{}': expected 1 us or more", period.get_ref())));
-                }
-                Disturbance::Noise { period: found, width, seed }
+                let width = self.width.as_ref().map_or(Ok(NOISE_WIDTH), span)?;
+                Disturbance::Noise { period: self.period(width)?, width, seed }
             }
             "flip" => tampering(Tampering::Flip(self.integer(0, 9, "the bit, 0 (start) to 9 (stop)")? as u8))?,
             "delay" => {
@@ -278,6 +324,31 @@ impl RawFault {
             "double" => tampering(Tampering::Double)?,
             _ => return Err(self.unknown("line", &LINE_KINDS)),
         })
+    }
+
+    /// The mean time from one pulse of noise to the next.
+    fn period(&self, width: Span) -> Result<Span, Complaint> {
+        match (&self.period, &self.value) {
+            (Some(text), None) => match span(text)? {
+                found if found < PERIOD_MIN => {
+                    Err((text.span(), format!("'{}': expected {PERIOD_MIN} or more", text.get_ref())))
+                }
+                found => Ok(found),
+            },
+            (None, Some(value)) => {
+                let share = self.ratio(0, 500_000_000, "the share of the time that it is inverted, 0 % to 50 %")?;
+                let period = noise_period(share, width);
+                if period < PERIOD_MIN {
+                    let message = "value: pulses would be closer than 1 us: expected a smaller share or a larger width";
+                    return Err((value.span(), message.to_owned()));
+                }
+                Ok(period)
+            }
+            (None, None) => {
+                Err(self.lacks("period or value", "the mean time between pulses, or the share of the time inverted"))
+            }
+            (Some(_), Some(value)) => Err((value.span(), "expected either period or value, not both".to_owned())),
+        }
     }
 
     fn ailment(&self) -> Result<Ailment, Complaint> {
@@ -303,7 +374,13 @@ impl RawFault {
                 Ailment::Supply((supply / 1_000_000) as u16)
             }
             "backlash" => Ailment::Backlash(self.integer(0, i64::from(u16::MAX), "so many counts")? as u16),
-            "end-stop" => Ailment::EndStop(self.integer(-10_000_000, 10_000_000, "counts from mid-travel")? as i32),
+            "end-stop" => {
+                let what = "counts from mid-travel, on the side that the sign says";
+                match self.integer(-10_000_000, 10_000_000, what)? {
+                    0 => return Err((self.value(what)?.span(), format!("0 is on neither side: expected {what}"))),
+                    counts => Ailment::EndStop(counts as i32),
+                }
+            }
             _ => return Err(self.unknown("board", &BOARD_KINDS)),
         })
     }

@@ -10,7 +10,7 @@ mod quantity;
 
 pub use dice::Dice;
 pub use faults::{Faults, HealError, Planned, Trigger};
-pub use file::{BOARD_KINDS, FaultFileError, LINE_KINDS, RawFault, load};
+pub use file::{BOARD_KINDS, FaultFile, FaultFileError, LINE_KINDS, RawFault, load};
 pub(crate) use file::{span, text_drawn};
 pub use quantity::{Range, Ratio, parse_length, parse_ratio, parse_span};
 
@@ -23,6 +23,8 @@ use crate::rig::Rig;
 
 /// A brown-out lasts so long if nothing else is said. (Ours: long enough for a reset, too short for a person.)
 pub const BROWN_OUT: Span = Span::from_millis(20);
+/// The period of noise that takes no share of the time.
+const NEVER_A_PULSE: Span = Span::from_nanos(u64::MAX);
 /// The steps of a drifting oscillator.
 const DRIFT_STEP: Span = Span::from_millis(100);
 
@@ -86,11 +88,12 @@ struct Broken {
     line: Option<FaultId>,
     /// When it ends by itself.
     until: Instant,
+    /// What a board is told when it ends. A stimulus cannot be taken back, so that is told when the time has come.
     cure: Vec<(NodeId, Stimulus)>,
     drift: Option<Drift>,
 }
 
-/// An oscillator on its way. A stimulus cannot be taken back, so each step is given when its time has come.
+/// An oscillator on its way; each step is given when its time has come.
 #[derive(Clone, Debug)]
 struct Drift {
     node: NodeId,
@@ -115,19 +118,39 @@ impl Drift {
     }
 }
 
+impl What {
+    /// Whether it happens in an instant: then there is nothing to heal.
+    pub const fn is_over_at_once(&self) -> bool {
+        matches!(self, Self::Board(_, _, Ailment::Reset | Ailment::Counts(_)))
+    }
+}
+
 impl Fault {
     /// Whether it waits for something to come along that it can spoil.
     pub fn lies_in_wait(&self) -> bool {
         matches!(self.what, What::Line(_, Disturbance::Character { .. }))
     }
 
-    fn until(&self, since: Instant) -> Instant {
-        self.lasts.map_or(Instant::NEVER, |lasts| since + lasts)
+    /// Whether it happens in an instant: then there is nothing to heal.
+    pub const fn is_over_at_once(&self) -> bool {
+        self.what.is_over_at_once()
     }
 
-    /// Begins at `at`, or as soon after it as nothing settled is touched; ends by itself if it lasts for a time.
+    /// Whether it is not the same with every seed.
+    pub const fn is_random(&self) -> bool {
+        matches!(self.what, What::Line(_, Disturbance::Noise { .. }))
+    }
+
+    fn until(&self, since: Instant) -> Instant {
+        if self.is_over_at_once() { since } else { self.lasts.map_or(Instant::NEVER, |lasts| since + lasts) }
+    }
+
+    /// Begins at `at`, or as soon after it as nothing settled is touched.
     fn begin(&self, rig: &mut Rig, at: Instant) -> Broken {
         match &self.what {
+            What::Line(_, Disturbance::Noise { period, .. }) if *period == NEVER_A_PULSE => {
+                Broken { since: at, line: None, until: self.until(at), cure: Vec::new(), drift: None }
+            }
             What::Line(line, disturbance) => {
                 let (fault, since) = rig.disturb(*line, at, disturbance);
                 let until = self.until(since);
@@ -151,26 +174,34 @@ impl Fault {
                     _ => None,
                 };
                 let cure = cure.into_iter().map(|cure| (*node, told(cure))).collect();
-                let broken = Broken { since, line: None, until, cure, drift };
-                if !until.is_never() {
-                    broken.clone().heal(rig, until);
-                    return Broken { cure: Vec::new(), ..broken };
-                }
-                broken
+                Broken { since, line: None, until, cure, drift }
             }
         }
     }
 }
 
 impl Broken {
-    /// When [`Broken::go_on`] is due, if the fault gets worse with time.
-    fn next(&self) -> Option<Instant> {
-        self.drift.as_ref().map(|drift| drift.next)
+    /// When it ends by itself, if a board has to be told so.
+    fn ends(&self) -> Option<Instant> {
+        (!self.until.is_never() && !self.cure.is_empty()).then_some(self.until)
     }
 
-    /// Gets worse, once everything before [`Broken::next`] has happened.
+    /// When [`Broken::go_on`] is due, if the fault gets worse with time or ends by itself.
+    fn next(&self) -> Option<Instant> {
+        self.drift.as_ref().map(|drift| drift.next).into_iter().chain(self.ends()).min()
+    }
+
+    /// Gets worse or ends at [`Broken::next`], once everything before that has happened.
     fn go_on(&mut self, rig: &mut Rig) {
-        self.drift = self.drift.take().and_then(|mut drift| drift.step(rig).then_some(drift));
+        match self.drift.take() {
+            Some(mut drift) if drift.next < self.until => self.drift = drift.step(rig).then_some(drift),
+            _ => {
+                let cure = core::mem::take(&mut self.cure);
+                for (node, stimulus) in cure {
+                    rig.stimulate(node, self.until, stimulus);
+                }
+            }
+        }
     }
 
     /// Ends at `at`, or as soon after it as nothing settled is touched. Says when.

@@ -5,13 +5,19 @@ use torno_protocol::time::Span;
 /// A ratio in parts per billion.
 pub type Ratio = i64;
 
+/// Units and what they are, in ns; of those that end alike the longer first.
+const TIMES: [(&str, f64); 5] = [("ms", 1e6), ("us", 1e3), ("µs", 1e3), ("ns", 1.0), ("s", 1e9)];
+/// In parts per billion.
+const RATIOS: [(&str, f64); 2] = [("%", 1e7), ("ppm", 1e3)];
+/// In mm.
+const LENGTHS: [(&str, f64); 3] = [("mm", 1.0), ("um", 1e-3), ("µm", 1e-3)];
+
 /// Reads a time: a number and `s`, `ms`, `us` or `ns`.
 ///
 /// # Errors
 /// What was expected.
 pub fn parse_span(text: &str) -> Result<Span, String> {
-    let units = [("ms", 1e6), ("us", 1e3), ("µs", 1e3), ("ns", 1.0), ("s", 1e9)];
-    match scaled(text, &units) {
+    match scaled(text, &TIMES) {
         Some(nanos) if (0.0..=1e18).contains(&nanos) => Ok(Span::from_nanos(nanos.round() as u64)),
         _ => Err(format!("'{text}': expected a time, such as \"1.5 s\", \"200 ms\" or \"50 us\"")),
     }
@@ -22,7 +28,7 @@ pub fn parse_span(text: &str) -> Result<Span, String> {
 /// # Errors
 /// What was expected.
 pub fn parse_ratio(text: &str) -> Result<Ratio, String> {
-    match scaled(text, &[("%", 1e7), ("ppm", 1e3)]) {
+    match scaled(text, &RATIOS) {
         Some(ppb) if ppb.abs() <= 1e12 => Ok(ppb.round() as i64),
         _ => Err(format!("'{text}': expected a ratio, such as \"3 %\" or \"-500 ppm\"")),
     }
@@ -34,10 +40,10 @@ pub fn parse_ratio(text: &str) -> Result<Ratio, String> {
 /// What was expected.
 pub fn parse_length(text: &str) -> Result<f64, String> {
     let expected = || format!("'{text}': expected a length, such as \"-20 mm\" or \"50 um\"");
-    scaled(text, &[("mm", 1.0), ("um", 1e-3), ("µm", 1e-3)]).ok_or_else(expected)
+    scaled(text, &LENGTHS).ok_or_else(expected)
 }
 
-/// From a quantity to another of the same unit, both included.
+/// From a quantity to another one that is not below it, both included.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Range {
     from: f64,
@@ -46,7 +52,8 @@ pub struct Range {
 }
 
 impl Range {
-    /// Reads `FROM..TO`, with a unit at either end or at both; `None` if it is no range at all.
+    /// Reads `FROM..TO`, with a unit at either end or at both; `None` if it is no range at all. The values in between
+    /// have the unit of TO.
     ///
     /// # Errors
     /// What was expected.
@@ -57,10 +64,21 @@ impl Range {
             return Some(Err(format!("'{text}': expected FROM..TO, such as \"1 s..3 s\" or \"1..16\"")));
         };
         let unit = if unit_to.is_empty() { unit_from } else { unit_to };
-        if !unit_from.is_empty() && unit_from != unit {
+        let factor = if unit_from.is_empty() || unit_from == unit { Some(1.0) } else { factor(unit_from, unit) };
+        let Some(factor) = factor else {
             return Some(Err(format!("'{text}': FROM and TO have different units")));
+        };
+        let from = from * factor;
+        if from > to {
+            return Some(Err(format!("'{text}': FROM is above TO")));
         }
         Some(Ok(Self { from, to, unit: unit.to_owned() }))
+    }
+
+    /// The values by which it shows whether all of it is allowed: both ends, and 0 if that lies between them.
+    pub(super) fn extremes(&self) -> [String; 3] {
+        let zero = if self.from < 0.0 && self.to > 0.0 { -self.from / (self.to - self.from) } else { 0.0 };
+        [0.0, zero, 1.0].map(|share| self.at(share))
     }
 
     /// The value at a share of the way, as a file would have it.
@@ -78,6 +96,12 @@ impl Range {
         }
         self.at(fraction)
     }
+}
+
+/// What one unit is in another one, if both are of one kind.
+fn factor(from: &str, to: &str) -> Option<f64> {
+    let find = |units: &[(&str, f64)], name: &str| units.iter().find(|(unit, _)| *unit == name).map(|(_, one)| *one);
+    [&TIMES[..], &RATIOS, &LENGTHS].into_iter().find_map(|units| Some(find(units, from)? / find(units, to)?))
 }
 
 /// A number and its unit.

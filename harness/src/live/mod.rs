@@ -18,7 +18,7 @@ use crate::port::{LineSettings, PcPort, PortEvent};
 use crate::rig::file::RigFile;
 use crate::rig::{Driver, Input, Rig, RigError, What};
 use crate::trace::{End, RECORDED, Recorder, RecordingError};
-use steering::{Steering, next_call};
+use steering::{Steering, log_begun, next_call};
 
 /// So many of the client's bytes wait in the driver at the most. Its settings are read with each helping, so a new
 /// speed holds at most this many characters late.
@@ -159,8 +159,18 @@ impl Live {
             let allowed = self.brake.limit();
             let limit = self.slice(allowed).earlier(self.faults.next());
             let arrived = self.go(limit).await?;
-            self.reached = if arrived { limit.until } else { self.rig.engine().frontier() };
-            self.faults.go_on(&mut self.rig, self.reached);
+            let frontier = self.rig.engine().frontier();
+            // At full speed a silence may have held time back.
+            let went = frontier >= limit.until;
+            self.reached = match arrived {
+                true if went || !allowed.until.is_never() => limit.until,
+                true => Instant::NEVER,
+                false => frontier,
+            };
+            let now = self.now();
+            for (name, since) in self.faults.go_on(&mut self.rig, now) {
+                log_begun(&name, since);
+            }
             self.lose_supply();
             self.keep_up().await?;
             if arrived {
@@ -168,7 +178,7 @@ impl Live {
                 self.hold_for_silence();
             }
             let took = self.take_waiting()? | self.obey_all().await?;
-            if arrived && !took && limit == allowed {
+            if arrived && !took && (limit == allowed || !went) {
                 self.wait().await?;
             } else {
                 self.check_pace(self.reached);
@@ -366,8 +376,7 @@ impl Live {
         for hit in self.rig.take_hits() {
             self.acted = true;
             if let Some((name, since)) = self.faults.see(&mut self.rig, hit, &self.replies) {
-                log::set_time(since);
-                tracing::warn!("fault '{name}' begins");
+                log_begun(&name, since);
             }
         }
         self.replies.keep_last(REPLIES);

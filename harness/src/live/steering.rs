@@ -7,8 +7,8 @@ use torno_protocol::time::Instant;
 use super::{Live, LiveError};
 use crate::control::{Answer, Begun, BoardState, Call, Control, Done, FaultState, Form, Request, Rows, State};
 use crate::engine::Fact;
-use crate::fault::{Dice, Planned, RawFault, Trigger, parse_span};
-use crate::observe::Telemetry;
+use crate::fault::{Dice, Planned, RawFault, parse_span};
+use crate::observe::{Telemetry, log};
 use crate::pace::Pace;
 use crate::rig::names::Names;
 use crate::rig::{Input, Rig, What};
@@ -131,7 +131,12 @@ impl Live {
                 self.settle(now).await?;
                 give(answer, self.state(now));
             }
-            Request::Fault { fault } => give(answer, self.break_it(&fault, now)),
+            Request::Fault { fault } => {
+                // It may wait for what holds already.
+                self.rig.catch_up(now).await?;
+                self.deliver()?;
+                give(answer, self.break_it(&fault, now));
+            }
             Request::Heal { name } => give(answer, self.heal(&name, now)),
             Request::Power { board, on } => give(answer, self.power(&board, on, now)),
             Request::Pause => {
@@ -193,19 +198,12 @@ impl Live {
         let planned = raw.plan(&steering.names, &mut Dice::new(steering.asked)).map_err(invalid)?;
         steering.asked += 1;
         let name = planned.fault.name.clone();
-        if self.faults.active(now).any(|(other, ..)| other == name) {
+        if self.faults.active(&mut self.rig, now).any(|(other, ..)| other == name) {
             return Err(format!("there is a fault '{name}' already: heal it, or give this one another name"));
         }
-        match &planned.trigger {
-            Trigger::When(_) => {
-                self.faults.plan(&mut self.rig, &planned);
-                Ok(Begun { name, since: None })
-            }
-            Trigger::At(at) => {
-                let since = self.faults.begin(&mut self.rig, &planned.fault, now.max(*at));
-                Ok(Begun { name, since: Some(since.as_nanos()) })
-            }
-        }
+        let value = |node: usize, signal: u8| steering.telemetry.values(node)[usize::from(signal)];
+        let since = self.faults.plan(&mut self.rig, &planned, now, value);
+        Ok(Begun { name, since: since.map(Instant::as_nanos) })
     }
 
     fn heal(&mut self, name: &str, now: Instant) -> Result<Done, Refused> {
@@ -224,7 +222,14 @@ impl Live {
         Ok(done(self.rig.stimulate(place, now, Stimulus::Power(on))))
     }
 
-    fn state(&self, now: Instant) -> Result<State, Refused> {
+    fn state(&mut self, now: Instant) -> Result<State, Refused> {
+        let nanos = |at: Instant| at.as_nanos();
+        let fault = |(name, since, until): (&str, Option<Instant>, Option<Instant>)| FaultState {
+            name: name.to_owned(),
+            since: since.map(nanos),
+            until: until.map(nanos),
+        };
+        let faults = self.faults.active(&mut self.rig, now).map(fault).collect();
         let Some(steering) = &self.steering else { return Err(String::new()) };
         let board = |(id, node): (usize, &crate::rig::Node)| BoardState {
             name: node.name.clone(),
@@ -233,25 +238,26 @@ impl Live {
             waits_for: self.rig.waits_for(id, &steering.telemetry.values(id)),
             telemetry: steering.telemetry.of(id),
         };
-        let nanos = |at: Instant| at.as_nanos();
-        let fault = |(name, since, until): (&str, Option<Instant>, Option<Instant>)| FaultState {
-            name: name.to_owned(),
-            since: since.map(nanos),
-            until: until.map(nanos),
-        };
         Ok(State {
             rig: steering.header.rig.clone(),
             ns: now.as_nanos(),
             pace: self.brake.pace().to_string(),
             paused: self.brake.paused().is_some(),
             boards: self.rig.nodes().iter().enumerate().map(board).collect(),
-            faults: self.faults.active(now).map(fault).collect(),
+            faults,
         })
     }
 
     /// Takes faults that begin by themselves, for a rig that does not run yet.
     pub fn plan(&mut self, planned: &[Planned]) {
-        planned.iter().for_each(|planned| self.faults.plan(&mut self.rig, planned));
+        let initial: Vec<Vec<i64>> =
+            (0..self.rig.nodes().len()).map(|node| Telemetry::new(&self.rig).values(node)).collect();
+        for planned in planned {
+            let value = |node: usize, signal: u8| initial[node][usize::from(signal)];
+            if let Some(since) = self.faults.plan(&mut self.rig, planned, Instant::START, value) {
+                log_begun(&planned.fault.name, since);
+            }
+        }
     }
 
     /// The faults that have broken nothing so far.
@@ -273,6 +279,12 @@ impl Live {
         }
         Ok(obeyed)
     }
+}
+
+/// Logs that a fault has begun.
+pub(super) fn log_begun(name: &str, since: Instant) {
+    log::set_time(since);
+    tracing::warn!("fault '{name}' begins");
 }
 
 /// Waits for something to be asked; for ever, if nobody can. Cancel-safe.

@@ -34,6 +34,12 @@ impl Tested {
     }
 }
 
+/// Where everything random comes from, and what has been drawn from it.
+pub fn seed_text(seed: u64, drawn: &[(String, String)]) -> String {
+    let drawn = drawn.iter().map(|(place, value)| format!(", {place} = {value}"));
+    format!("{seed}{}", drawn.collect::<String>())
+}
+
 /// How all of them ended.
 pub struct TestReport {
     tested: Vec<Tested>,
@@ -104,9 +110,8 @@ impl TestReport {
             let wall = tested.wall.as_secs_f64() * 1e3;
             let name = &tested.name;
             _ = writeln!(text, "{style}{word}{style:#}  {name:width$}  {virtual_s:>9.3} s virtual  {wall:>8.1} ms");
-            if failed || !tested.drawn.is_empty() {
-                let drawn = tested.drawn.iter().map(|(place, value)| format!(", {place} = {value}"));
-                _ = writeln!(text, "  seed      {}{}", tested.seed, drawn.collect::<String>());
+            if failed {
+                _ = writeln!(text, "  seed      {}", seed_text(tested.seed, &tested.drawn));
             }
             for failure in &tested.outcome.failures {
                 _ = writeln!(text, "{failure}");

@@ -90,7 +90,7 @@ pub struct Line {
 #[derive(Debug, thiserror::Error)]
 pub enum RigFileError {
     /// The file cannot be read.
-    #[error("cannot read the rig file '{path}' (built-in rigs: {})", built_in_names())]
+    #[error("cannot read the rig file '{path}' (built-in rigs: {})", built_in_names().join(", "))]
     Unreadable {
         /// The file.
         path: String,
@@ -110,8 +110,9 @@ pub enum RigFileError {
     Invalid(#[from] Invalid),
 }
 
-fn built_in_names() -> String {
-    BUILT_IN.map(|(name, _)| name).join(", ")
+/// The names of the rigs that are built in.
+pub fn built_in_names() -> [&'static str; 3] {
+    BUILT_IN.map(|(name, _)| name)
 }
 
 #[derive(Deserialize)]
@@ -288,7 +289,7 @@ impl RigFile {
         }
         let name = raw.name.into_inner();
         let mut file = Self { name, dialect, pc, boards, links, part: None, text: String::new() };
-        file.part = raw.part.map(|part| part.check(&Names::of(&file))).transpose()?;
+        file.part = raw.part.map(|part| part.check(&Names::of(&file), &file.boards)).transpose()?;
         Ok(file)
     }
 }

@@ -5,6 +5,8 @@ use toml::Spanned;
 use torno_part::{Limits, Nose, Place, Profile, Resolution};
 use torno_protocol::lathe::Program;
 
+use super::file::Board;
+use super::kinds::axis::mm_per_count;
 use super::names::Names;
 use crate::engine::NodeId;
 use crate::text::Complaint;
@@ -78,7 +80,7 @@ struct RawNose {
 struct RawAxis {
     board: Spanned<String>,
     quantities: Spanned<Vec<Spanned<String>>>,
-    mm_per_count: Spanned<f64>,
+    mm_per_count: Option<Spanned<f64>>,
     start_mm: Spanned<f64>,
 }
 
@@ -90,9 +92,16 @@ struct RawSpindle {
     rpm_per_count: Spanned<f64>,
 }
 
+/// What the board's own screw and encoder make of a count of these quantities, if they all count its carriage.
+fn by_the_board(board: &Board, quantities: &[Spanned<String>]) -> Option<f64> {
+    let worth = |name: &Spanned<String>| mm_per_count(&board.kind, &board.settings, name.get_ref()).ok().flatten();
+    let first = worth(quantities.first()?)?;
+    quantities.iter().all(|name| worth(name) == Some(first)).then_some(first)
+}
+
 impl RawPart {
-    /// The part, on a rig with these names.
-    pub(super) fn check(&self, names: &Names) -> Result<Part, Complaint> {
+    /// The part, on a rig with these names and boards.
+    pub(super) fn check(&self, names: &Names, boards: &[Board]) -> Result<Part, Complaint> {
         let within = |name: &str, value: &Spanned<f64>, least: f64, most: f64| {
             let found = *value.get_ref();
             let fits = (least..=most).contains(&found);
@@ -101,21 +110,28 @@ impl RawPart {
         };
         let source = |board: &Spanned<String>,
                       quantities: &Spanned<Vec<Spanned<String>>>,
-                      scale: (&str, &Spanned<f64>)| {
+                      scale: (&str, Option<&Spanned<f64>>)| {
             let node = names.board(board)?;
             let signals =
                 quantities.get_ref().iter().map(|name| names.signal(node, name)).collect::<Result<Vec<_>, _>>()?;
             if signals.is_empty() {
                 return Err((quantities.span(), format!("expected quantities of '{}', found none", board.get_ref())));
             }
-            let per_count = within(scale.0, scale.1, -1_000.0, 1_000.0)?;
-            if per_count == 0.0 {
-                return Err((scale.1.span(), format!("{} = 0: expected what one count is worth", scale.0)));
-            }
+            let per_count = match scale {
+                (name, Some(worth)) => {
+                    let per_count = within(name, worth, -1_000.0, 1_000.0)?;
+                    if per_count == 0.0 {
+                        return Err((worth.span(), format!("{name} = 0: expected what one count is worth")));
+                    }
+                    per_count
+                }
+                (name, None) => by_the_board(&boards[node], quantities.get_ref())
+                    .ok_or_else(|| (quantities.span(), format!("no board counts a carriage so: expected {name}")))?,
+            };
             Ok(Source { node, signals, per_count })
         };
         let axis = |raw: &RawAxis| {
-            let way = source(&raw.board, &raw.quantities, ("mm_per_count", &raw.mm_per_count))?;
+            let way = source(&raw.board, &raw.quantities, ("mm_per_count", raw.mm_per_count.as_ref()))?;
             Ok::<_, Complaint>(Axis { way, start: within("start_mm", &raw.start_mm, -2_000.0, 2_000.0)? })
         };
         let length = within("length_mm", &self.length_mm, 1.0, 2_000.0)?;
@@ -137,7 +153,7 @@ impl RawPart {
             spindle: source(
                 &self.spindle.board,
                 &self.spindle.quantities,
-                ("rpm_per_count", &self.spindle.rpm_per_count),
+                ("rpm_per_count", Some(&self.spindle.rpm_per_count)),
             )?,
         })
     }

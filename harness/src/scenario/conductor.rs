@@ -7,8 +7,8 @@ use torno_protocol::time::{Instant, Span};
 
 use super::{Action, Failure, Scenario, Step};
 use crate::condition::{Claim, Condition, is_reply};
-use crate::engine::{Fact, Limit, NodeId, REACTION, WatchId};
-use crate::fault::{Fault, Faults, Trigger};
+use crate::engine::{Fact, Hit, Limit, NodeId, REACTION, WatchId};
+use crate::fault::{Fault, Faults};
 use crate::observe::{Digest, Sum, ToolPath};
 use crate::pc::{PcEvent, PcUart, Replies};
 use crate::rig::{Driver, Rig};
@@ -91,9 +91,20 @@ struct Conductor<'a> {
     /// Everything before this has happened, and the next step takes place here.
     now: Instant,
     faults: Faults,
+    /// Characters that must not come.
+    forbidden: Vec<Forbidden>,
     failures: Vec<Failure>,
     /// Time goes no further at once.
     slice: Option<Span>,
+}
+
+/// A character that must not come: of all that must not happen, the one of which no fact tells.
+struct Forbidden {
+    watch: WatchId,
+    /// What must not happen, by its place in the scenario.
+    never: usize,
+    /// How often it must still be seen.
+    left: u64,
 }
 
 /// What a step came to.
@@ -113,28 +124,45 @@ impl<'a> Conductor<'a> {
             context: VecDeque::new(),
             now: Instant::START + BEGIN,
             faults: Faults::default(),
+            forbidden: Vec::new(),
             failures: Vec::new(),
             slice: None,
         }
     }
 
-    /// Sets the PC up, and the faults that begin by themselves.
+    /// Sets the PC up, and the faults that begin by themselves; what must hold throughout must hold now.
     fn begin(&mut self) {
         let ixon = self.scenario.held;
         let configure = Stimulus::Configure { baud: self.scenario.file.pc.baud, ixon };
         let pc = self.rig.pc();
         self.rig.stimulate(pc, Instant::START.next(), configure);
-        for planned in &self.scenario.faults {
-            self.faults.plan(&mut self.rig, planned);
-            if let Trigger::At(at) = planned.trigger {
-                self.note(at, &format!("fault '{}' begins", planned.fault.name));
+        let scenario = self.scenario;
+        for planned in &scenario.faults {
+            let value = |node: NodeId, signal: u8| self.values[node][usize::from(signal)];
+            if let Some(since) = self.faults.plan(&mut self.rig, planned, Instant::START, value) {
+                self.note_begun([(planned.fault.name.clone(), since)]);
+            }
+        }
+        for (never, condition) in scenario.never.iter().enumerate() {
+            if let Condition::Character { nth, .. } = condition {
+                let watch = self.rig.watch(condition.watch(pc));
+                self.forbidden.push(Forbidden { watch, never, left: *nth });
+            }
+        }
+        for node in 0..self.values.len() {
+            for signal in 0..self.values[node].len() {
+                self.check_value(node, Instant::START, signal as u8, self.values[node][signal]);
             }
         }
     }
 
     fn break_it(&mut self, fault: &Fault) {
         let since = self.faults.begin(&mut self.rig, fault, self.now);
-        self.note(since, &format!("fault '{}' begins", fault.name));
+        self.note_begun([(fault.name.clone(), since)]);
+    }
+
+    fn note_begun(&mut self, begun: impl IntoIterator<Item = (String, Instant)>) {
+        begun.into_iter().for_each(|(name, since)| self.note(since, &format!("fault '{name}' begins")));
     }
 
     async fn step(&mut self, number: usize, step: &Step) -> Stepped {
@@ -151,6 +179,7 @@ impl<'a> Conductor<'a> {
             Action::Wait(condition, within) => return self.wait(number, step, condition, *within).await,
             Action::Break(fault) => self.break_it(fault),
             Action::Heal(name) => {
+                self.advance(self.now, None).await?;
                 if let Err(error) = self.faults.heal(&mut self.rig, name, self.now) {
                     let expected = format!("the fault '{name}'");
                     return Ok(Err(self.failure(Some((number, step)), &expected, error.to_string(), None)));
@@ -225,14 +254,15 @@ impl<'a> Conductor<'a> {
             let hits = self.rig.take_hits();
             if hits.is_empty() && !more {
                 let Some(worse) = worse else { return Ok(None) };
-                self.faults.go_on(&mut self.rig, worse);
+                let begun = self.faults.go_on(&mut self.rig, worse);
+                self.note_begun(begun);
                 continue;
             }
             let mut happened = None;
             for hit in hits {
-                if let Some((name, since)) = self.faults.see(&mut self.rig, hit, &self.replies) {
-                    self.note(since, &format!("fault '{name}' begins"));
-                }
+                let begun = self.faults.see(&mut self.rig, hit, &self.replies);
+                self.note_begun(begun);
+                self.check_forbidden(hit);
                 if let Some((_, condition)) = awaited.filter(|(watch, _)| *watch == hit.watch)
                     && happened.is_none()
                     && condition.is_met(&self.replies, hit.at)
@@ -272,9 +302,7 @@ impl<'a> Conductor<'a> {
             match fact {
                 Fact::Telemetry { node, at, signal, value } => {
                     self.values[node][usize::from(signal)] = value;
-                    self.check_always(node, at, signal, value);
-                    let is = |claim: &Claim| (claim.node, claim.signal) == (node, signal) && claim.holds(value);
-                    self.check_never(at, node, |never| matches!(never, Condition::Value(claim) if is(claim)));
+                    self.check_value(node, at, signal, value);
                 }
                 Fact::Event { node, at, event, value } if node == self.rig.pc() => {
                     self.note_pc(at, PcEvent::from_numbers(event, value));
@@ -319,18 +347,34 @@ impl<'a> Conductor<'a> {
         }
     }
 
-    fn check_always(&mut self, node: NodeId, at: Instant, signal: u8, value: i64) {
+    /// A quantity has this value from now on.
+    fn check_value(&mut self, node: NodeId, at: Instant, signal: u8, value: i64) {
         let scenario = self.scenario;
-        for claim in &scenario.always {
-            if (claim.node, claim.signal) == (node, signal) && !claim.holds(value) {
-                self.violated(at, &format!("always {claim}"), format!("{} = {value}", claim.name), node);
-            }
+        let is = |claim: &Claim| (claim.node, claim.signal) == (node, signal);
+        for claim in scenario.always.iter().filter(|claim| is(claim) && !claim.holds(value)) {
+            self.violated(at, &format!("always {claim}"), format!("{} = {value}", claim.name), node);
+        }
+        let holds = |claim: &Claim| is(claim) && claim.holds(value);
+        self.check_never(at, node, |never| matches!(never, Condition::Value(claim) if holds(claim)));
+    }
+
+    /// A watch has seen something.
+    fn check_forbidden(&mut self, hit: Hit) {
+        let scenario = self.scenario;
+        let Some(forbidden) = self.forbidden.iter_mut().find(|forbidden| forbidden.watch == hit.watch) else { return };
+        forbidden.left = forbidden.left.saturating_sub(1);
+        if forbidden.left == 0
+            && let never @ Condition::Character { node, .. } = &scenario.never[forbidden.never]
+        {
+            let watch = forbidden.watch;
+            self.rig.unwatch(watch);
+            self.violated(hit.at, &format!("never {never}"), "it happened".to_owned(), *node);
         }
     }
 
     fn check_never(&mut self, at: Instant, node: NodeId, is: impl Fn(&Condition) -> bool) {
         let scenario = self.scenario;
-        if let Some(never) = scenario.never.iter().find(|never| is(never)) {
+        for never in scenario.never.iter().filter(|never| is(never)) {
             self.violated(at, &format!("never {never}"), "it happened".to_owned(), node);
         }
     }
@@ -396,7 +440,7 @@ impl<'a> Conductor<'a> {
     /// When the scenario is over, if the rig is quiet.
     fn quiet_end(&self) -> Option<Instant> {
         let engine = self.rig.engine();
-        engine.is_quiet().then(|| engine.quiet_since().next().max(self.now))
+        (engine.is_quiet() && self.faults.next_turn().is_none()).then(|| engine.quiet_since().next().max(self.now))
     }
 
     /// Lets everything happen until the rig is quiet, but nothing after `limit`. Says when that is.
@@ -424,7 +468,8 @@ impl<'a> Conductor<'a> {
                 return Ok(limit);
             }
             // As far as the next thing that happens, and no further: a watched board that is mute is never at an end.
-            self.now = limit.min(self.rig.engine().next_instant().next().max(self.now.next()));
+            let next = self.rig.engine().next_instant().min(self.faults.next_turn().unwrap_or(Instant::NEVER));
+            self.now = limit.min(next.next().max(self.now.next()));
         }
     }
 
@@ -453,7 +498,8 @@ impl<'a> Conductor<'a> {
         let scenario = self.scenario;
         if let Some(expected) = &scenario.replies {
             let came: Vec<&str> = self.replies.from(0).collect();
-            if *expected != came {
+            let alike = |(came, expected): (&&str, &String)| is_reply(came, expected);
+            if expected.len() != came.len() || !came.iter().zip(expected).all(alike) {
                 let failure = self.failure(None, &format!("the replies {}", expected.join(" ")), came.join(" "), None);
                 self.failures.push(*failure);
             }

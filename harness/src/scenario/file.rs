@@ -8,9 +8,9 @@ use torno_protocol::time::Span;
 
 use super::part::{self, RawDiameter};
 use super::{Action, PATIENCE, Scenario, Step};
-use crate::condition::{RawClaim, RawCondition, words};
+use crate::condition::{RawCondition, replies};
 use crate::fault::{Dice, Fault, RawFault, span, text_drawn};
-use crate::rig::file::{RigFile, RigFileError};
+use crate::rig::file::{DEFAULT, RigFile, RigFileError, built_in_names};
 use crate::rig::names::Names;
 use crate::text::{self, Complaint, Invalid, TextError, nearest};
 
@@ -40,8 +40,7 @@ pub enum ScenarioError {
 #[serde(deny_unknown_fields)]
 struct RawScenario {
     name: String,
-    #[serde(default = "default_rig")]
-    rig: String,
+    rig: Option<Spanned<String>>,
     #[serde(default)]
     set: Vec<Spanned<String>>,
     #[serde(default)]
@@ -56,10 +55,6 @@ struct RawScenario {
     expect: RawExpect,
 }
 
-fn default_rig() -> String {
-    crate::rig::file::DEFAULT.to_owned()
-}
-
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawStep {
@@ -70,17 +65,17 @@ struct RawStep {
     wait: Option<RawCondition>,
     r#break: Option<RawFault>,
     heal: Option<Spanned<String>>,
-    check: Option<RawClaim>,
+    check: Option<RawCondition>,
 }
 
 #[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawExpect {
-    replies: Option<String>,
+    replies: Option<Spanned<String>>,
     #[serde(default)]
-    finally: Vec<RawClaim>,
+    finally: Vec<RawCondition>,
     #[serde(default)]
-    always: Vec<RawClaim>,
+    always: Vec<RawCondition>,
     #[serde(default)]
     never: Vec<RawCondition>,
     #[serde(default)]
@@ -108,9 +103,15 @@ impl Scenario {
         let invalid = |(span, message): Complaint| Invalid::at(path, text, span, message);
         let mut raw: RawScenario = toml::from_str(text).map_err(|error| invalid(text::of_toml(&error)))?;
         raw.seed = seed.unwrap_or(raw.seed);
-        let beside = Path::new(path).parent().map(|folder| folder.join(&raw.rig)).filter(|rig| rig.is_file());
-        let rig = beside.map_or_else(|| raw.rig.clone(), |rig| rig.display().to_string());
-        let mut file = RigFile::load(&rig)?;
+        let named = raw.rig.as_ref().map_or(DEFAULT, |rig| rig.get_ref());
+        let beside = Path::new(path).parent().map(|folder| folder.join(named)).filter(|rig| rig.is_file());
+        let rig = beside.map_or_else(|| named.to_owned(), |rig| rig.display().to_string());
+        let mut file = RigFile::load(&rig).map_err(|error| match (error, &raw.rig) {
+            (RigFileError::Unreadable { source, .. }, Some(rig)) => {
+                invalid((rig.span(), no_rig(named, &source))).into()
+            }
+            (error, _) => ScenarioError::from(error),
+        })?;
         for set in &raw.set {
             file = file.set(set.get_ref()).map_err(|message| invalid((set.span(), message)))?;
         }
@@ -118,6 +119,7 @@ impl Scenario {
     }
 
     fn check(raw: RawScenario, file: RigFile, rig: String) -> Result<Self, Complaint> {
+        let nothing = raw.step.is_empty() && raw.fault.is_empty() && raw.end.is_none();
         let names = Names::of(&file);
         let seed = raw.seed;
         let mut dice = Dice::new(seed);
@@ -134,7 +136,7 @@ impl Scenario {
         for (number, step) in raw.step.into_iter().enumerate() {
             let place = step.span();
             let step = step.into_inner();
-            let action = step.check(&names, &known, number + 1, &mut dice, place)?;
+            let action = step.check(&names, &known, number + 1, &mut dice, place.clone())?;
             let raw_break = step.r#break.as_ref();
             match &action {
                 Action::Break(fault) => {
@@ -143,16 +145,34 @@ impl Scenario {
                     healed.retain(|name| *name != fault.name);
                     known.push(fault.clone());
                 }
+                Action::Heal(name) if healed.contains(name) => {
+                    let place = step.heal.as_ref().map_or(place, Spanned::span);
+                    let message = format!("'{name}' has been healed before this step: expected something to break it");
+                    return Err((place, message));
+                }
                 Action::Heal(name) => healed.push(name.clone()),
                 _ => {}
             }
             steps.push(Step { does: step.does, action });
         }
-        let (never_of_part, never): (Vec<_>, Vec<_>) =
-            raw.expect.never.iter().partition(|never| never.of_part().is_some());
-        let never_of_part: Vec<_> = never_of_part.into_iter().filter_map(RawCondition::of_part).collect();
+        let (mut never_of_part, mut never) = (Vec::new(), Vec::new());
+        for raw in &raw.expect.never {
+            match raw.of_part()? {
+                Some(event) => never_of_part.push(event),
+                None => never.push(raw.check(&names)?),
+            }
+        }
         let part = part::check(&file, &raw.expect.part, &never_of_part)?;
-        let claims = |raw: &[RawClaim]| raw.iter().map(|claim| claim.check(&names)).collect::<Result<Vec<_>, _>>();
+        let claims = |raw: &[RawCondition]| raw.iter().map(|claim| claim.claim(&names)).collect::<Result<Vec<_>, _>>();
+        let end = raw.end.as_ref().map_or(Ok(END), span)?;
+        if let Some(raw) = raw.end.as_ref().filter(|_| end == Span::ZERO) {
+            return Err((raw.span(), "end: nothing happens in no time: expected a time above 0".to_owned()));
+        }
+        let expected = raw.expect.replies.as_ref().map(|text| replies(text, names.dialect)).transpose()?;
+        let (finally, always) = (claims(&raw.expect.finally)?, claims(&raw.expect.always)?);
+        if nothing {
+            return Err((0..0, "nothing is done and nothing breaks: expected a step, a fault, or an end".to_owned()));
+        }
         Ok(Self {
             name: raw.name,
             rig,
@@ -162,13 +182,24 @@ impl Scenario {
             held: raw.held.unwrap_or(names.dialect.holds_the_pc()),
             steps,
             faults,
-            finally: claims(&raw.expect.finally)?,
-            always: claims(&raw.expect.always)?,
-            replies: raw.expect.replies.as_deref().map(words),
-            never: never.iter().map(|never| never.check(&names)).collect::<Result<_, _>>()?,
+            finally,
+            always,
+            replies: expected,
+            never,
             part,
-            end: raw.end.as_ref().map_or(Ok(END), span)?,
+            end,
         })
+    }
+}
+
+/// The complaint about a rig that cannot be read.
+fn no_rig(name: &str, why: &std::io::Error) -> String {
+    match why.kind() {
+        std::io::ErrorKind::NotFound => {
+            let nearest = nearest(name, &built_in_names());
+            format!("there is no rig and no rig file '{name}'{nearest}")
+        }
+        _ => format!("cannot read the rig file '{name}': {why}"),
     }
 }
 
@@ -187,24 +218,29 @@ impl RawStep {
             for text in texts {
                 bytes.extend(names.dialect.bytes(text.get_ref()).map_err(|error| (text.span(), error))?);
             }
+            if bytes.is_empty() {
+                return Err((place, "send: expected something to send".to_owned()));
+            }
             actions.push(Action::Send(bytes));
         }
-        if let Some(bytes) = &self.bytes {
-            let byte = |word: &str| u8::from_str_radix(word, 16).ok().filter(|_| word.len() == 2);
-            let bytes: Option<Vec<u8>> = bytes.get_ref().split_whitespace().map(byte).collect();
-            let wrong =
-                || (self.bytes.as_ref().map_or(0..0, Spanned::span), "expected bytes of two hex digits".to_owned());
-            actions.push(Action::Send(bytes.ok_or_else(wrong)?));
+        if let Some(text) = &self.bytes {
+            let is_hex = |word: &&str| word.len() == 2 && word.bytes().all(|digit| digit.is_ascii_hexdigit());
+            let byte = |word: &str| Some(word).filter(is_hex).and_then(|word| u8::from_str_radix(word, 16).ok());
+            let bytes: Option<Vec<u8>> = text.get_ref().split_whitespace().map(byte).collect();
+            let wrong = || (text.span(), "expected bytes of two hex digits".to_owned());
+            actions.push(Action::Send(bytes.filter(|bytes| !bytes.is_empty()).ok_or_else(wrong)?));
         }
         if let Some(run) = &self.run {
             actions.push(Action::Run(span(&text_drawn(run, &format!("step.{number}.run"), dice)?)?));
         }
         if let Some(wait) = &self.wait {
-            actions.push(Action::Wait(wait.check(names)?, wait.within.as_ref().map_or(Ok(PATIENCE), span)?));
+            let (condition, within) = wait.awaited(names)?;
+            actions.push(Action::Wait(condition, within.unwrap_or(PATIENCE)));
         }
         if let Some(fault) = &self.r#break {
             if let Some(place) = fault.says_when() {
-                return Err((place, "a step breaks something when its turn comes: expected no at here".to_owned()));
+                let message = "a step breaks something when its turn comes: expected neither at nor when here";
+                return Err((place, message.to_owned()));
             }
             actions.push(Action::Break(fault.check(names, dice)?));
         }
@@ -215,14 +251,14 @@ impl RawStep {
                     format!("there is no fault '{}' by now{}", name.get_ref(), nearest(name.get_ref(), &known));
                 return Err((name.span(), message));
             };
-            if let Some(lasts) = fault.lasts {
-                let message = format!("'{}' ends by itself, after {lasts}: expected a fault without for", fault.name);
+            if fault.is_over_at_once() {
+                let message = format!("'{}' is over at once: there is nothing to heal", fault.name);
                 return Err((name.span(), message));
             }
             actions.push(Action::Heal(name.get_ref().clone()));
         }
         if let Some(claim) = &self.check {
-            actions.push(Action::Check(claim.check(names)?));
+            actions.push(Action::Check(claim.claim(names)?));
         }
         let found = actions.len();
         match <[Action; 1]>::try_from(actions) {

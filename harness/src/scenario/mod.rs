@@ -59,6 +59,18 @@ pub struct Scenario {
     pub end: Span,
 }
 
+impl Scenario {
+    /// Whether anything in it comes from the seed.
+    pub fn is_random(&self) -> bool {
+        let broken = self.steps.iter().filter_map(|step| match &step.action {
+            Action::Break(fault) => Some(fault),
+            _ => None,
+        });
+        let mut faults = self.faults.iter().map(|planned| &planned.fault).chain(broken);
+        !self.drawn.is_empty() || faults.any(Fault::is_random)
+    }
+}
+
 /// A step.
 #[derive(Clone, Debug)]
 pub struct Step {

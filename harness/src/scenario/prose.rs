@@ -19,7 +19,7 @@
 use toml::{Table, Value};
 
 use super::{Outcome, Scenario, ScenarioError, run_all};
-use crate::report::Tested;
+use crate::report::{Tested, seed_text};
 use crate::rig::Driver;
 use crate::trace::SessionError;
 
@@ -238,7 +238,7 @@ impl Prose {
             Ok(tested) => panic!(
                 "scenario '{}', seed {}:\n{}\nfor 'torno test':\n{}",
                 self.name,
-                tested.seed,
+                seed_text(tested.seed, &tested.drawn),
                 tested.outcome.failures.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"),
                 self.toml()
             ),
@@ -470,6 +470,11 @@ impl Line {
     /// Pulses fall on it, so far apart in the mean, of this width at the most.
     pub fn is_noisy(self, period: &str, width: &str) -> Fault {
         self.fault("noise").with("period", period).with("width", width)
+    }
+
+    /// Pulses invert it for this share of the time.
+    pub fn is_inverted_for(self, share: &str) -> Fault {
+        self.fault("noise").with("value", share)
     }
 
     /// A bit of a character is flipped: 0 (start) to 9 (stop).

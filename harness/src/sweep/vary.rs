@@ -5,10 +5,11 @@ use std::path::Path;
 use toml::{Table, Value};
 use xxhash_rust::xxh3::xxh3_128;
 
-use crate::fault::Range;
+use crate::fault::{LINE_KINDS, Range};
+use crate::rig::names::Names;
 use crate::rig::place;
 use crate::scenario::{Scenario, ScenarioError};
-use crate::text::{self, TextError, nearest};
+use crate::text::{self, Invalid, TextError, nearest};
 
 /// A range has so many values at the most.
 const VALUES_MAX: usize = 10_000;
@@ -48,7 +49,8 @@ pub enum SweepError {
 /// A place and its values.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Variation {
-    /// `fault.NAME.FIELD`, or a place in the rig: see [`place::set`].
+    /// `fault.NAME.FIELD`; `line.LINE.KIND`, the value of such a fault on a line; or a place in the rig: see
+    /// [`place::set`].
     pub path: String,
     /// The values, as a file would have them.
     pub values: Vec<String>,
@@ -86,6 +88,10 @@ pub struct Scene {
     scenario: Table,
     /// What its rig's file says.
     rig: String,
+    /// The lines of its rig.
+    lines: Vec<String>,
+    /// Faults that are left out.
+    without: Vec<String>,
 }
 
 impl Scene {
@@ -96,8 +102,9 @@ impl Scene {
     pub fn load(path: &Path) -> Result<Self, SweepError> {
         let name = path.display().to_string();
         let text = text::read(path).map_err(|source| SweepError::Unreadable { path: name.clone(), source })?;
-        let rig = Scenario::parse(&name, &text, None)?.file.text;
-        Ok(Self { path: name, scenario: toml::from_str(&text).unwrap_or_default(), rig })
+        let file = Scenario::parse(&name, &text, None)?.file;
+        let scenario = toml::from_str(&text).unwrap_or_default();
+        Ok(Self { path: name, scenario, lines: Names::of(&file).lines, rig: file.text, without: Vec::new() })
     }
 
     /// A digest of what the scenario's file and its rig's say, wherever they are.
@@ -106,23 +113,54 @@ impl Scene {
         format!("{:032x}", xxh3_128(format!("{}\n{scenario}{}", scenario.len(), self.rig).as_bytes()))
     }
 
-    /// The faults' names, in the order of the file.
-    pub fn faults(&self) -> Vec<String> {
-        self.tables("fault").iter().map(|fault| fault_name(fault)).collect()
-    }
-
-    /// The scenario without these of its faults.
-    pub fn without(&self, faults: &[String]) -> Self {
-        let mut scene = self.clone();
-        if let Some(Value::Array(all)) = scene.scenario.get_mut("fault") {
-            all.retain(|fault| fault.as_table().is_none_or(|fault| !faults.contains(&fault_name(fault))));
+    /// The faults' names, in the order of the file; and of those that come with `values`.
+    pub fn faults(&self, values: &[(String, String)]) -> Vec<String> {
+        let tables = self.scenario.get("fault").and_then(Value::as_array).into_iter().flatten();
+        let mut names: Vec<String> = tables.filter_map(Value::as_table).map(fault_name).collect();
+        for fault in values.iter().filter_map(|(path, _)| self.fault_of(path)) {
+            if !names.contains(&fault) {
+                names.push(fault);
+            }
         }
-        scene
+        names
     }
 
-    fn tables(&self, key: &str) -> Vec<&Table> {
-        let array = self.scenario.get(key).and_then(Value::as_array);
-        array.into_iter().flatten().filter_map(Value::as_table).collect()
+    /// The fault that a place belongs to, if it belongs to one.
+    fn fault_of(&self, path: &str) -> Option<String> {
+        match &path.split('.').collect::<Vec<_>>()[..] {
+            ["fault", name, ..] => Some((*name).to_owned()),
+            ["line", line, kind] => Some(self.fault_on(line, kind).map_or(format!("{line} {kind}"), fault_name)),
+            _ => None,
+        }
+    }
+
+    /// The first fault of that kind on that line.
+    fn fault_on(&self, line: &str, kind: &str) -> Option<&Table> {
+        let faults = self.scenario.get("fault").and_then(Value::as_array).into_iter().flatten();
+        let is = |fault: &&Table| text_of(fault, "line") == line && text_of(fault, "kind") == kind;
+        faults.filter_map(Value::as_table).find(is)
+    }
+
+    /// The scenario without these faults, and without what is said of them.
+    pub fn without(&self, faults: &[String]) -> Self {
+        Self { without: [&self.without, faults].concat(), ..self.clone() }
+    }
+
+    /// Leaves out what is to be left out.
+    fn leave_out(&mut self) {
+        if let Some(Value::Array(all)) = self.scenario.get_mut("fault") {
+            all.retain(|fault| fault.as_table().is_none_or(|fault| !self.without.contains(&fault_name(fault))));
+        }
+        for name in &self.without {
+            let steps = self.scenario.get_mut("step").and_then(Value::as_array_mut).into_iter().flatten();
+            // Another one of this name may be broken by a step after that.
+            let mut heals = steps.filter_map(Value::as_table_mut).filter(|step| text_of(step, "heal") == *name);
+            if let Some(step) = heals.next() {
+                // The steps after it keep their numbers, by which they draw.
+                step.remove("heal");
+                step.insert("run".to_owned(), Value::from("0 s"));
+            }
+        }
     }
 
     /// The scenario with these values and this seed.
@@ -130,34 +168,97 @@ impl Scene {
     /// # Errors
     /// [`SweepError`] if there is no such place, or the value does not fit it.
     pub fn with(&self, values: &[(String, String)], seed: u64) -> Result<Scenario, SweepError> {
-        let wrong = |path: &str, message| SweepError::Place { path: path.to_owned(), message };
-        let mut table = self.scenario.clone();
-        let (of_faults, of_rig): (Vec<_>, Vec<_>) = values.iter().partition(|(path, _)| path.starts_with("fault."));
-        for (path, value) in of_faults {
-            set_fault(&mut table, path, value).map_err(|message| wrong(path, message))?;
+        let mut scene = self.clone();
+        let mut of_rig = Vec::new();
+        for (path, value) in values {
+            if self.fault_of(path).is_some_and(|fault| self.without.contains(&fault)) {
+                continue;
+            }
+            let put = match &path.split('.').collect::<Vec<_>>()[..] {
+                ["fault", name, field @ ..] => set_fault(&mut scene.scenario, name, field, value),
+                ["line", line, kind] => scene.set_line(line, kind, value),
+                ["line", ..] => Err("expected line.LINE.KIND, such as line.pc_to_master.noise".to_owned()),
+                _ => {
+                    of_rig.push((path, value));
+                    Ok(())
+                }
+            };
+            put.map_err(|message| SweepError::Place { path: path.clone(), message })?;
         }
-        let text = toml::to_string(&table).unwrap_or_default();
-        let mut scenario = Scenario::parse(&self.path, &text, Some(seed))?;
+        scene.leave_out();
+        let text = toml::to_string(&scene.scenario).unwrap_or_default();
+        // Nobody has the text that this makes before him: what is wrong is what has been put into it.
+        let mut scenario = Scenario::parse(&self.path, &text, Some(seed)).map_err(|error| match error {
+            ScenarioError::Invalid(Invalid { message, .. }) if !values.is_empty() => {
+                let said: Vec<String> = values.iter().map(|(path, value)| format!("{path} = {value}")).collect();
+                SweepError::Place { path: said.join(", "), message }
+            }
+            error => error.into(),
+        })?;
         for (path, value) in of_rig {
-            scenario.file = scenario.file.with(path, value).map_err(|message| wrong(path, message))?;
+            let wrong = |message| SweepError::Place { path: path.clone(), message };
+            scenario.file = scenario.file.with(path, value).map_err(wrong)?;
         }
         Ok(scenario)
     }
+
+    /// Puts `value` into the fault of this kind on a line. If there is none, one comes to be: from the start on, and
+    /// noise until the last step is done, if one waits or runs.
+    fn set_line(&mut self, line: &str, kind: &str, value: &str) -> Result<(), String> {
+        let lines: Vec<&str> = self.lines.iter().map(String::as_str).collect();
+        if !lines.contains(&line) {
+            return Err(format!("there is no line '{line}'{}", nearest(line, &lines)));
+        }
+        if !LINE_KINDS.contains(&kind) {
+            return Err(format!("there is no fault '{kind}' of a line{}", nearest(kind, &LINE_KINDS)));
+        }
+        if let Some(name) = self.fault_on(line, kind).map(fault_name) {
+            return set_fault(&mut self.scenario, &name, &["value"], value);
+        }
+        let text = |text: &str| Value::from(text);
+        let fault = [("line", text(line)), ("kind", text(kind)), ("value", place::parsed(value))];
+        append(&mut self.scenario, "fault", table(fault))?;
+        let mut steps = self.scenario.get("step").and_then(Value::as_array).into_iter().flatten();
+        // Steps that take no time would be done before anything has happened.
+        if kind == "noise" && steps.any(|step| step.get("wait").or(step.get("run")).is_some()) {
+            let heal = [("does", text("the noise ends")), ("heal", Value::from(format!("{line} {kind}")))];
+            append(&mut self.scenario, "step", table(heal))?;
+        }
+        Ok(())
+    }
 }
 
-/// Puts `value` at `fault.NAME.FIELD` of a scenario.
-fn set_fault(scenario: &mut Table, path: &str, value: &str) -> Result<(), String> {
-    let words: Vec<&str> = path.split('.').collect();
-    let ["fault", name, field @ ..] = &words[..] else { return Err("expected fault.NAME.FIELD".to_owned()) };
+fn table<const N: usize>(fields: [(&str, Value); N]) -> Value {
+    Value::Table(fields.into_iter().map(|(field, value)| (field.to_owned(), value)).collect())
+}
+
+fn append(scenario: &mut Table, key: &str, value: Value) -> Result<(), String> {
+    let all = scenario.entry(key).or_insert_with(|| Value::Array(Vec::new()));
+    all.as_array_mut().ok_or_else(|| format!("'{key}' is no array"))?.push(value);
+    Ok(())
+}
+
+/// Puts `value` into the `field` of a fault.
+fn set_fault(scenario: &mut Table, name: &str, field: &[&str], value: &str) -> Result<(), String> {
+    let fault = fault_named(scenario, name)?;
+    // Noise says how much of it there is in one of two ways.
+    match field {
+        ["value"] => drop(fault.remove("period")),
+        ["period"] => drop(fault.remove("value")),
+        _ => {}
+    }
+    *place::entry(fault, field)? = place::parsed(value);
+    Ok(())
+}
+
+fn fault_named<'a>(scenario: &'a mut Table, name: &str) -> Result<&'a mut Table, String> {
     let all = scenario.get_mut("fault").and_then(Value::as_array_mut).ok_or("there is no fault")?;
     let known: Vec<String> = all.iter().filter_map(Value::as_table).map(fault_name).collect();
     let found = known.iter().position(|other| other == name).ok_or_else(|| {
         let known: Vec<&str> = known.iter().map(String::as_str).collect();
         format!("there is no fault '{name}'{}", nearest(name, &known))
     })?;
-    let fault = all[found].as_table_mut().ok_or("no table")?;
-    *place::entry(fault, field)? = place::parsed(value);
-    Ok(())
+    all[found].as_table_mut().ok_or_else(|| "a fault is no table".to_owned())
 }
 
 fn text_of(table: &Table, key: &str) -> String {
@@ -185,9 +286,10 @@ mod tests {
         assert_eq!(values("a.b=0..1/3"), ["0", "0.5", "1"]);
         assert_eq!(values("a=-2..2%/5"), ["-2 %", "-1 %", "0 %", "1 %", "2 %"]);
         assert_eq!(values("a=1 ms..3 ms/3"), ["1 ms", "2 ms", "3 ms"]);
+        assert_eq!(values("a=500 us..1.5 ms/3"), ["0.5 ms", "1 ms", "1.5 ms"]);
         assert_eq!(values("a=1,2,7"), ["1", "2", "7"]);
         assert_eq!(values("a=0..10").len(), 11);
-        for wrong in ["a", "a=..", "a=1..x", "a=1..2/1", "a=1..2/x", "a=1 s..2 ms"] {
+        for wrong in ["a", "a=..", "a=1..x", "a=1..2/1", "a=1..2/x", "a=1 s..2 ms", "a=1 s..2 %", "a=3..1"] {
             assert!(Variation::parse(wrong).is_err(), "{wrong}");
         }
     }

@@ -111,7 +111,8 @@ impl From<Slave> for Party {
 }
 
 impl Fault {
-    const ALL: [Self; 5] = [Self::NoAnswer, Self::Stalled, Self::EndOfTravel, Self::Garbled, Self::Restarted];
+    /// Every way.
+    pub const ALL: [Self; 5] = [Self::NoAnswer, Self::Stalled, Self::EndOfTravel, Self::Garbled, Self::Restarted];
 
     /// The letter on the wire.
     pub const fn letter(self) -> u8 {

@@ -146,7 +146,7 @@ impl ServoSettings {
     }
 
     /// So many mm of carriage in counts.
-    pub(crate) fn counts(&self, mm: f64) -> f64 {
+    pub fn counts(&self, mm: f64) -> f64 {
         mm / self.plant.pitch_mm * f64::from(self.encoder.pulses_per_rev)
     }
 }

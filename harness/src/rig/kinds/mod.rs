@@ -1,5 +1,6 @@
 //! The kinds of boards: the one place that knows what each is made of.
 
+pub mod axis;
 pub mod motor;
 
 use std::ops::Range;
