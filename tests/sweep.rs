@@ -5,6 +5,8 @@
 mod common;
 
 use std::fs;
+use std::path::Path;
+use std::process::Output;
 
 use common::{folder, output};
 
@@ -45,26 +47,75 @@ fn the_demonstration_can_be_swept() {
     assert_eq!(csv.lines().collect::<Vec<_>>(), ["runs,passed,told,untold", "4,4,0,0"]);
 }
 
+/// The sweep's shards, each in a file of its own.
+fn shards(folder: &Path, name: &str, sweep: &[&str], of: usize) -> Vec<String> {
+    let shard = |part| {
+        let runs = text(&[sweep, &["--json", "--shard", &format!("{part}/{of}")]].concat());
+        let path = folder.join(format!("{name}{part}.jsonl"));
+        fs::write(&path, runs).unwrap();
+        path.to_str().unwrap().to_owned()
+    };
+    (1..=of).map(shard).collect()
+}
+
+fn merged(files: &[&str]) -> Output {
+    output(&[&["sweep", "--merge", "--csv"], files].concat())
+}
+
 #[test]
 fn shards_make_the_whole_on_any_number_of_processors() {
     let folder = folder();
     let sweep = ["sweep", NOISE, "--seeds", "7", "--vary", "fault.noise.width=10us..500us/3"];
     let whole = text(&[&sweep[..], &["--csv", "--jobs", "1"]].concat());
-    let mut merge = vec!["sweep".to_owned(), "--merge".to_owned(), "--csv".to_owned()];
-    for shard in 1..=3 {
-        let part = text(&[&sweep[..], &["--json", "--shard", &format!("{shard}/3")]].concat());
-        assert_eq!(part.lines().count(), 7);
-        let path = folder.path().join(format!("{shard}.jsonl"));
-        fs::write(&path, part).unwrap();
-        merge.push(path.to_str().unwrap().to_owned());
+    let files = shards(folder.path(), "", &sweep, 3);
+    assert!(files.iter().all(|file| fs::read_to_string(file).unwrap().lines().count() == 7));
+    // In whatever order: the table is that of the whole.
+    for order in [[0, 1, 2], [2, 0, 1]] {
+        let merged = merged(&order.map(|n: usize| files[n].as_str()));
+        assert!(merged.status.success(), "{}", String::from_utf8_lossy(&merged.stderr));
+        assert_eq!(String::from_utf8(merged.stdout).unwrap(), whole);
     }
-    let merged = text(&merge.iter().map(String::as_str).collect::<Vec<_>>());
-    let sorted = |csv: &str| {
-        let mut rows: Vec<String> = csv.lines().skip(1).map(str::to_owned).collect();
-        rows.sort();
-        rows
-    };
-    assert_eq!(sorted(&merged), sorted(&whole));
+    // More shards than runs: some have nothing to do.
+    let files = shards(folder.path(), "few", &["sweep", DEMONSTRATION, "--seeds", "2"], 3);
+    let merged = merged(&files.iter().map(String::as_str).collect::<Vec<_>>());
+    assert_eq!(String::from_utf8(merged.stdout).unwrap(), "runs,passed,told,untold\n2,2,0,0\n");
+}
+
+#[test]
+fn only_the_shards_of_one_sweep_are_merged_and_each_once() {
+    let folder = folder();
+    let vary = "fault.noise.period=10 ms,1 s";
+    let of = |name: &str, sweep: &[&str]| shards(folder.path(), name, &[&["sweep"], sweep].concat(), 2);
+    let ours = of("ours", &[NOISE, "--seeds", "2", "--vary", vary]);
+    let other_file = folder.path().join("other.toml");
+    fs::write(&other_file, fs::read_to_string(NOISE).unwrap().replace("300", "301")).unwrap();
+    let seeds = of("seeds", &[NOISE, "--seeds", "3", "--vary", vary]);
+    let values = of("values", &[NOISE, "--seeds", "2", "--vary", "fault.noise.period=10 ms,2 s"]);
+    let file = of("file", &[other_file.to_str().unwrap(), "--seeds", "2", "--vary", vary]);
+    for (second, expected) in [
+        (&seeds[1], "are of different sweeps: one has 2 seeds, the other 3"),
+        (&values[1], "one varies 'fault.noise.period=10 ms,1 s', the other 'fault.noise.period=10 ms,2 s'"),
+        (&file[1], "their scenarios or rigs are not the same"),
+        (&ours[0], "ours1.jsonl:1 are the same run, number 0 (seed 0): expected each shard once"),
+    ] {
+        let refused = merged(&[&ours[0], second]);
+        let error = String::from_utf8(refused.stderr).unwrap();
+        assert_eq!((refused.status.code(), refused.stdout.as_slice()), (Some(2), &b""[..]), "{error}");
+        assert!(error.contains(expected), "{error}\nlacks {expected}");
+    }
+    // What is there is shown.
+    let part = merged(&[&ours[1]]);
+    let error = String::from_utf8(part.stderr).unwrap();
+    assert_eq!(part.status.code(), Some(2), "{error}");
+    assert!(error.contains("2 of 4 runs are missing, the first is number 0"), "{error}");
+    assert!(
+        String::from_utf8(part.stdout).unwrap().starts_with("fault.noise.period,runs,passed,told,untold\n10 ms,1,")
+    );
+    let nothing = folder.path().join("nothing.jsonl");
+    fs::write(&nothing, "").unwrap();
+    let refused = merged(&[nothing.to_str().unwrap()]);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(String::from_utf8(refused.stderr).unwrap().contains("there is no run in what is given"));
 }
 
 #[test]

@@ -8,7 +8,7 @@ use std::fs;
 use std::io::{BufRead, BufReader, Read};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
-use std::process::{Output, Stdio};
+use std::process::{Child, Output, Stdio};
 use std::time::Duration;
 
 use common::{ACK, LONG, NAK, SHORT, Up, XOFF, XON, folder, json, kill, output, torno, wait_until};
@@ -71,7 +71,7 @@ fn program(folder: &Path, name: &str, frames: &[[u8; 8]]) -> PathBuf {
 fn a_run_that_is_recorded_is_repeated_with_the_same_digest() {
     let folder = folder();
     let failing = program(folder.path(), "failing.frames", &[[9; 8], SHORT, SHORT]);
-    for arguments in [&[][..], &["--in-process"], &["--pace", "1000"], &[word(&failing)]] {
+    for arguments in [&[][..], &["--in-process"], &["--pace", "1000"], &["--pace", "50"], &[word(&failing)]] {
         let (trace, summary) = recorded(folder.path(), "run.trace", arguments);
         for driver in [&[][..], &["--processes"]] {
             let output = on(0, &[&["replay", word(&trace)], driver].concat());
@@ -289,21 +289,49 @@ fn a_recording_whose_writer_is_killed_is_repeated_as_far_as_it_goes() {
     let mut pc = up.pc();
     pc.write(&SHORT);
     pc.expect(&[ACK, XON]);
-    // The rig is at rest now, so all of it is written.
-    let shows = |text: &str| {
-        let output = output(&["trace", word(&trace)]);
-        String::from_utf8(output.stdout).unwrap().contains(text)
-    };
-    wait_until("the reply is in the trace", || shows("XON: all slaves are done"));
+    wait_until("the reply is in the trace", || shows(&trace, "XON: all slaves are done"));
     pc.write(&LONG);
     pc.expect(&[ACK]);
-    wait_until("the rest comes by and by", || shows("depth -400") || shows("depth +400 slots"));
+    wait_until("the rest comes by and by", || shows(&trace, "depth +400 slots"));
     kill("-KILL", up.pid());
     up.child.wait().unwrap();
     let output = on(2, &["trace", word(&trace)]);
     assert!(complaint(&output).contains("its writer was ended"), "{}", complaint(&output));
-    let output = on(0, &["replay", word(&trace)]);
+    let output = on(2, &["replay", word(&trace)]);
     assert!(stdout(&output).starts_with("the same as far as it is recorded: "), "{}", stdout(&output));
+    assert!(complaint(&output).contains("its writer was ended"), "{}", complaint(&output));
+}
+
+/// A process that does not outlive its test.
+struct Killed(Child);
+
+impl Drop for Killed {
+    fn drop(&mut self) {
+        self.0.kill().ok();
+        self.0.wait().ok();
+    }
+}
+
+/// What a recording shows by now.
+fn shows(trace: &Path, text: &str) -> bool {
+    stdout(&output(&["trace", word(trace)])).contains(text)
+}
+
+#[test]
+fn a_run_that_is_killed_has_recorded_all_but_its_last_second() {
+    let folder = folder();
+    let trace = folder.path().join("run.trace");
+    let long = program(folder.path(), "long.frames", &[LONG_FEED]);
+    let mut run = Killed(torno(&["run", word(&long), "--pace", "1", "--record", word(&trace)]).spawn().unwrap());
+    // Far less than a block; and for a quarter of an hour nothing more is said.
+    wait_until("the frame and its reply are in the trace", || shows(&trace, "> ACK: the frame"));
+    wait_until("what the motor does follows", || shows(&trace, "position_counts = 20\n"));
+    run.0.kill().unwrap();
+    run.0.wait().unwrap();
+    let output = on(2, &["trace", word(&trace)]);
+    assert!(complaint(&output).contains("its writer was ended"), "{}", complaint(&output));
+    assert!(stdout(&output).contains("> frame: "), "{}", stdout(&output));
+    on(2, &["replay", word(&trace)]);
 }
 
 // --- printing and exporting -----------------------------------------------------------------------------------------
@@ -421,8 +449,24 @@ fn a_file_that_is_no_whole_trace_is_shown_as_far_as_it_goes() {
         assert!(complaint(&output).contains(expected), "{}", complaint(&output));
         let shown = stdout(&output).lines().count();
         assert!(if some { 0 < shown && shown < rows } else { shown == 0 }, "{shown} of {rows}");
-        on(2, &["diff", word(&trace), word(&broken)]);
-        on(if some { 0 } else { 2 }, &["replay", word(&broken)]);
+        let page = folder.path().join("page.html");
+        for arguments in [
+            &["trace", word(&broken), "--json"][..],
+            &["trace", word(&broken), "--csv"],
+            &["trace", word(&broken), "--vcd", word(&folder.path().join("lines.vcd"))],
+            &["trace", word(&broken), "--report", word(&page)],
+            &["diff", word(&trace), word(&broken)],
+            &["diff", word(&broken), word(&broken)],
+            &["replay", word(&broken)],
+            &["replay", word(&broken), "--json"],
+        ] {
+            let output = on(2, arguments);
+            assert!(complaint(&output).contains(expected), "{arguments:?}: {}", complaint(&output));
+            let shown = !stdout(&output).is_empty() || arguments.contains(&"--vcd") || arguments.contains(&"--report");
+            assert!(shown || !some, "{arguments:?}");
+        }
+        assert_eq!(page.exists(), some);
+        fs::remove_file(&page).ok();
     }
     let output = on(2, &["trace", word(&folder.path().join("missing"))]);
     assert!(complaint(&output).contains("missing': cannot be read: No such file"), "{}", complaint(&output));

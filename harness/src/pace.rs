@@ -185,6 +185,14 @@ impl Brake {
         }
     }
 
+    /// The virtual time that goes by in so much wall time; none, if time is not held back or stands still.
+    pub fn span_of(&self, wall: Duration) -> Option<Span> {
+        match (self.pace, self.paused) {
+            (Pace::Times(times), None) => Some(Span::from_nanos((wall.as_nanos() as f64 * times) as u64)),
+            _ => None,
+        }
+    }
+
     fn times(&self) -> f64 {
         match self.pace {
             Pace::Times(times) => times,
@@ -193,22 +201,23 @@ impl Brake {
     }
 }
 
-/// Tells when a second of wall time has passed, to those who look by.
+/// Tells when so much wall time has passed, to those who look by.
 #[derive(Debug)]
-pub struct Second {
+pub struct Lapse {
     begun: WallInstant,
+    lasts: Duration,
 }
 
-impl Second {
-    /// A second that begins now.
-    pub fn begin() -> Self {
-        Self { begun: wall_now() }
+impl Lapse {
+    /// One that begins now.
+    pub fn begin(lasts: Duration) -> Self {
+        Self { begun: wall_now(), lasts }
     }
 
-    /// Whether it will have passed when `wait` has; if so, another begins now.
+    /// Whether it will be over when `wait` has passed; if so, another begins now.
     pub fn is_over(&mut self, wait: Duration) -> bool {
         let now = wall_now();
-        let over = now.duration_since(self.begun).saturating_add(wait) >= Duration::from_secs(1);
+        let over = now.duration_since(self.begun).saturating_add(wait) >= self.lasts;
         if over {
             self.begun = now;
         }

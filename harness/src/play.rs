@@ -10,7 +10,7 @@ use crate::pace::{Brake, Pace};
 use crate::pc::{PcEvent, PcProgram, PcUart};
 use crate::rig::file::RigFile;
 use crate::rig::{Cost, Driver, Incident, Rig, RigError};
-use crate::trace::{End, Header, Recorder, SessionError, Trace};
+use crate::trace::{End, Header, RECORDED, Recorder, SessionError, Trace};
 
 /// The PC starts to send so long after the rig has started, or later where characters are long: a decoder wants to see
 /// an idle line first.
@@ -225,6 +225,8 @@ impl Play {
         let mut session = Session::new(rig, self.waveforms, path, recorder);
         session.trace = self.keep.map(Trace::new);
         let mut brake = Brake::new(self.pace).map_err(RigError::from)?;
+        let keep_up = session.recorder.as_ref().and_then(|_| brake.span_of(RECORDED));
+        let mut kept_up = Instant::START;
         let mut interrupted = std::pin::pin!(interrupted);
         let ended = 'play: loop {
             let patience = session.spoke + self.patience;
@@ -254,7 +256,18 @@ impl Play {
             if self.pace == Pace::Max {
                 continue;
             }
-            let next = session.rig.engine().next_instant();
+            let mut next = session.rig.engine().next_instant();
+            if let Some(every) = keep_up {
+                if limit.until >= kept_up + every {
+                    kept_up = limit.until;
+                    session.rig.settle(kept_up).await?;
+                    session.take_note()?;
+                }
+                next = next.min(kept_up + every);
+            }
+            if let Some(recorder) = &mut session.recorder {
+                recorder.before_wait(brake.wall_until(next))?;
+            }
             tokio::select! {
                 () = &mut interrupted => break Ended::Interrupted,
                 () = session.rig.news() => {}

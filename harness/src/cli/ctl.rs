@@ -1,7 +1,7 @@
 //! `torno ctl`
 
 use std::fmt::Write as _;
-use std::io::{self, BufRead, BufReader, Write};
+use std::io::{self, BufRead, BufReader, BufWriter, Write};
 use std::os::unix::net::UnixStream;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -44,9 +44,9 @@ enum Command {
         /// What 'fault' has called it
         name: String,
     },
-    /// Switches a board's supply
+    /// Switches a board's supply, or the PC's
     Power {
-        /// The board
+        /// The board, or 'pc'
         board: String,
         /// On or off
         #[arg(value_parser = ["on", "off"])]
@@ -216,15 +216,21 @@ impl Arguments {
 }
 
 /// Prints what follows, as it comes. That nobody reads it ends it, and is no error.
-fn follow(answers: BufReader<UnixStream>) -> anyhow::Result<()> {
-    for line in answers.lines() {
-        let line = line.context("the rig is lost")?;
-        match writeln!(io::stdout(), "{line}").and_then(|()| io::stdout().flush()) {
+fn follow(mut answers: BufReader<UnixStream>) -> anyhow::Result<()> {
+    let mut output = BufWriter::new(io::stdout().lock());
+    let mut line = Vec::new();
+    loop {
+        line.clear();
+        if answers.read_until(b'\n', &mut line).context("the rig is lost")? == 0 {
+            return Ok(());
+        }
+        // What has come already is printed at once.
+        let more = answers.buffer().contains(&b'\n');
+        match output.write_all(&line).and_then(|()| if more { Ok(()) } else { output.flush() }) {
             Err(error) if error.kind() == io::ErrorKind::BrokenPipe => return Ok(()),
             written => written.context("cannot write the result")?,
         }
     }
-    Ok(())
 }
 
 fn state_text(state: &State) -> anyhow::Result<String> {

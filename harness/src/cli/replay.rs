@@ -10,7 +10,7 @@ use torno::rig::Driver;
 use torno::trace::diff::{Extent, first_difference};
 use torno::trace::replay::replay;
 
-use super::{FAILED, INTERRUPTED, Interrupt, driver, load_trace, print};
+use super::{FAILED, INTERRUPTED, Interrupt, USAGE, driver, load_trace, print};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -27,7 +27,7 @@ pub(super) struct Arguments {
 impl Arguments {
     pub(super) async fn run(self, started: Instant) -> anyhow::Result<ExitCode> {
         log::init("warn");
-        let (trace, _) = load_trace(&self.file)?;
+        let (trace, damage) = load_trace(&self.file)?;
         let driver = if self.processes { driver(false)? } else { Driver::InProcess };
         let mut interrupt = Interrupt::listen()?;
         let again = tokio::select! {
@@ -64,6 +64,11 @@ impl Arguments {
             }
         };
         print(&text)?;
-        Ok(if is_same { ExitCode::SUCCESS } else { ExitCode::from(FAILED) })
+        Ok(match is_same {
+            // What cannot be read may differ.
+            _ if damage.is_some() => ExitCode::from(USAGE),
+            true => ExitCode::SUCCESS,
+            false => ExitCode::from(FAILED),
+        })
     }
 }

@@ -11,10 +11,10 @@ use torno::observe::log;
 use torno::report::{Bar, Tested, seed_text};
 use torno::rig::Driver;
 use torno::scenario::{Scenario, run_all};
-use torno::sweep::{Run, Scene, Table, Variation, Verdict, cells, shrink};
+use torno::sweep::{Run, Scene, Table, Variation, Verdict, Whole, cells, merge, shrink};
 use torno::trace::SessionError;
 
-use super::{FAILED, print};
+use super::{FAILED, USAGE, print};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -34,8 +34,8 @@ pub(super) struct Arguments {
     /// Does only part I of N, for another machine to do the others
     #[arg(long, value_name = "I/N", conflicts_with = "merge")]
     shard: Option<Shard>,
-    /// Puts results of several shards (of --json) into one table
-    #[arg(long)]
+    /// Puts the results of all shards (of --json) into one table
+    #[arg(long, conflicts_with_all = ["seeds", "vary", "jobs"])]
     merge: bool,
     /// Prints the table as CSV
     #[arg(long, conflicts_with = "json")]
@@ -72,6 +72,7 @@ impl fmt::Display for Shard {
 
 /// A run that is to be done.
 struct Job {
+    number: u64,
     values: Vec<(String, String)>,
     seed: u64,
 }
@@ -81,11 +82,19 @@ impl Arguments {
         log::init("error");
         if self.merge {
             let runs = self.files.iter().map(|path| read(path)).collect::<anyhow::Result<Vec<_>>>()?.concat();
-            return self.tell(&runs, None);
+            let (runs, missing) = merge(runs)?;
+            let told = self.tell(&runs, None)?;
+            let Some(missing) = missing else { return Ok(told) };
+            eprintln!("torno: --merge: {missing}");
+            return Ok(ExitCode::from(USAGE));
         }
         let [path] = &self.files[..] else { anyhow::bail!("expected one scenario, found {}", self.files.len()) };
         let scene = Scene::load(path)?;
-        let jobs = self.jobs()?;
+        let variations = self.vary.iter().map(|text| Variation::parse(text)).collect::<Result<Vec<_>, _>>()?;
+        let cells = cells(&variations);
+        let runs = self.seeds.saturating_mul(cells.len() as u64);
+        let sweep = Whole { files: scene.digest(), seeds: self.seeds, vary: self.vary.clone(), runs };
+        let jobs = self.jobs(&cells);
         let scenarios = jobs.iter().map(|job| scene.with(&job.values, job.seed)).collect::<Result<Vec<_>, _>>()?;
         let named: Vec<(String, Scenario)> =
             scenarios.into_iter().map(|scenario| (path.display().to_string(), scenario)).collect();
@@ -95,20 +104,18 @@ impl Arguments {
         let tested = run_all(&named, &Driver::InProcess, threads, |done| bar.count(done));
         bar.clear();
         let tested: Vec<Tested> = tested.into_iter().collect::<Result<_, SessionError>>()?;
-        let runs: Vec<Run> = jobs.iter().zip(&tested).map(|(job, tested)| record(job, tested)).collect();
+        let runs: Vec<Run> = jobs.iter().zip(&tested).map(|(job, tested)| record(&sweep, job, tested)).collect();
         let failed = runs.iter().position(|run| run.verdict != Verdict::Passed);
         let why = failed.map(|first| why(&scene, &jobs[first], &tested[first])).transpose()?;
         self.tell(&runs, why.as_deref())
     }
 
     /// What this shard is to do.
-    fn jobs(&self) -> anyhow::Result<Vec<Job>> {
-        let variations = self.vary.iter().map(|text| Variation::parse(text)).collect::<Result<Vec<_>, _>>()?;
-        let all = cells(&variations)
-            .into_iter()
-            .flat_map(|values| (0..self.seeds).map(move |seed| Job { values: values.clone(), seed }));
+    fn jobs(&self, cells: &[Vec<(String, String)>]) -> Vec<Job> {
+        let all = cells.iter().flat_map(|values| (0..self.seeds).map(move |seed| (values, seed)));
         let shard = self.shard.unwrap_or(Shard { part: 1, of: 1 });
-        Ok((0..).zip(all).filter(|(n, _)| n % shard.of == shard.part - 1).map(|(_, job)| job).collect())
+        let ours = (0..).zip(all).filter(|(number, _)| number % shard.of == shard.part - 1);
+        ours.map(|(number, (values, seed))| Job { number, values: values.clone(), seed }).collect()
     }
 
     fn tell(&self, runs: &[Run], why: Option<&str>) -> anyhow::Result<ExitCode> {
@@ -126,9 +133,11 @@ impl Arguments {
     }
 }
 
-fn record(job: &Job, tested: &Tested) -> Run {
+fn record(sweep: &Whole, job: &Job, tested: &Tested) -> Run {
     let outcome = &tested.outcome;
     Run {
+        sweep: sweep.clone(),
+        number: job.number,
         scenario: tested.name.clone(),
         values: job.values.clone(),
         seed: job.seed,
@@ -157,14 +166,17 @@ fn why(scene: &Scene, job: &Job, tested: &Tested) -> anyhow::Result<String> {
     Ok(format!("\nfirst failure: {}seed {seed}, {faults}\n{}\n", values.concat(), failures.join("\n")))
 }
 
-fn read(path: &Path) -> anyhow::Result<Vec<Run>> {
+/// The runs in a file of results, each with where it stands.
+fn read(path: &Path) -> anyhow::Result<Vec<(String, Run)>> {
     let name = path.display();
     let file = std::fs::File::open(path).with_context(|| format!("cannot read '{name}'"))?;
     let lines = (1..).zip(BufReader::new(file).lines());
-    let run = |(number, line): (usize, std::io::Result<String>)| -> anyhow::Result<Run> {
+    let run = |(number, line): (usize, std::io::Result<String>)| -> anyhow::Result<(String, Run)> {
         let line = line.with_context(|| format!("cannot read '{name}'"))?;
-        serde_json::from_str(&line)
-            .with_context(|| format!("{name}:{number}: expected a run, as sweep --json prints it"))
+        let place = format!("{name}:{number}");
+        let run = serde_json::from_str(&line)
+            .with_context(|| format!("{place}: expected a run, as sweep --json prints it"))?;
+        Ok((place, run))
     };
     lines.map(run).collect()
 }

@@ -2,14 +2,18 @@
 //!
 //! The socket is a Unix one (mode 0600) that serves nobody but the user who runs the rig. Both ways go lines of JSON: a
 //! request ([`Request`]) is answered by one line, `{"ok": ...}` or `{"error": "..."}`. After [`Request::Watch`] is
-//! answered, lines of what happens follow, as `torno trace` shows them, until the socket is closed; if its reader is
-//! too slow, `{"lost": n}` stands for `n` of them.
+//! answered, lines of what happens follow, as `torno trace` shows them, until the socket is closed; where its reader is
+//! too slow, `{"lost": n}` stands for `n` of them. A line that is no request is answered by an error, and the next one
+//! is read.
 //!
 //! `torno ctl` is one client; `socat - UNIX-CONNECT:PATH` is another.
 
+mod backlog;
+mod lines;
 mod path;
 mod server;
 
+pub use backlog::Rows;
 pub use path::socket_beside;
 pub use server::{Answer, Call, Control, ControlError};
 
@@ -33,7 +37,7 @@ pub enum Request {
         /// Which.
         name: String,
     },
-    /// The supply of a board is gone or back. Answered by [`Done`].
+    /// The supply of a board or the PC is gone or back. Answered by [`Done`].
     Power {
         /// The board.
         board: String,
@@ -44,7 +48,8 @@ pub enum Request {
     Pause,
     /// Time goes on. Answered by [`Done`].
     Resume,
-    /// Time goes on for so long (`10 ms`), at once, and then stands still. Answered by [`Done`] when it does.
+    /// Time goes on for so long (`10 ms`), at once, and then stands still. Answered by [`Done`] when it does; by an
+    /// error, if a pause or a resume comes before.
     Step {
         /// How long.
         span: String,

@@ -3,6 +3,7 @@
 use std::io;
 use std::os::unix::fs::FileTypeExt;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use rustix::fd::OwnedFd;
 use rustix::fs::Mode;
@@ -10,19 +11,21 @@ use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType};
 use rustix::process::geteuid;
 use serde::Serialize;
 use serde_json::json;
-use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
+use tokio::io::AsyncWriteExt;
 use tokio::net::{UnixListener, UnixStream};
 use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinHandle;
 
 use super::Request;
+use super::backlog::{Rows, backlog};
+use super::lines::Lines;
 
 /// Clients that have been accepted by the kernel and not by us.
 const BACKLOG: i32 = 16;
 /// Requests that wait for the rig.
 const WAITING: usize = 16;
-/// Lines that wait for a client who watches. Whoever is slower loses some.
-const ROWS: usize = 1024;
+/// Where no client can be accepted, as for want of a file descriptor, the next attempt is made so much later.
+const AGAIN: Duration = Duration::from_millis(100);
 
 /// Why there is no control socket.
 #[derive(Debug, thiserror::Error)]
@@ -57,7 +60,7 @@ pub struct Call {
     /// Its answer; dropped, it says that the rig has ended.
     pub answer: Answer,
     /// Where lines go that follow on the answer.
-    pub rows: mpsc::Sender<String>,
+    pub rows: Rows,
 }
 
 /// The way of an answer to the client.
@@ -149,8 +152,11 @@ fn bound(path: &Path) -> io::Result<OwnedFd> {
 }
 
 async fn accept(listener: UnixListener, calls: mpsc::Sender<Call>) {
+    let mut failing = false;
     loop {
-        match listener.accept().await {
+        let accepted = listener.accept().await;
+        let failed = core::mem::replace(&mut failing, accepted.is_err());
+        match accepted {
             Ok((stream, _)) if is_ours(&stream) => {
                 let calls = calls.clone();
                 tokio::spawn(async move {
@@ -161,8 +167,10 @@ async fn accept(listener: UnixListener, calls: mpsc::Sender<Call>) {
             }
             Ok(_) => tracing::warn!("another user at the control socket is turned away"),
             Err(error) => {
-                tracing::warn!(%error, "the control socket cannot be used any more");
-                return;
+                if !failed {
+                    tracing::warn!(%error, "nobody new can steer the rig for now");
+                }
+                tokio::time::sleep(AGAIN).await;
             }
         }
     }
@@ -175,30 +183,43 @@ fn is_ours(stream: &UnixStream) -> bool {
 
 async fn serve(stream: UnixStream, calls: mpsc::Sender<Call>) -> io::Result<()> {
     let (reading, mut writing) = stream.into_split();
-    let mut requests = BufReader::new(reading).lines();
-    let (rows, mut to_tell) = mpsc::channel::<String>(ROWS);
+    let mut lines = Lines::new(reading);
+    let (rows, mut to_tell) = backlog();
     loop {
         let line = tokio::select! {
-            line = requests.next_line() => line?,
-            Some(row) = to_tell.recv() => {
-                writing.write_all((row + "\n").as_bytes()).await?;
+            line = lines.next() => line?,
+            rows = to_tell.next() => {
+                writing.write_all(rows.as_bytes()).await?;
                 continue;
             }
         };
         let Some(line) = line else { return Ok(()) };
-        if line.trim().is_empty() {
+        if line.as_ref().is_ok_and(|line| line.trim().is_empty()) {
             continue;
         }
-        let answer = match serde_json::from_str::<Request>(&line) {
+        let refused = |why: String| json!({ "error": why }).to_string();
+        let request = line.map_err(|bad| bad.to_string()).and_then(|line| {
+            serde_json::from_str::<Request>(&line).map_err(|error| format!("expected a request: {error}"))
+        });
+        let answer = match request {
             Ok(request) => {
-                let (answer, answered) = oneshot::channel();
+                let watches = matches!(request, Request::Watch { .. });
+                let (answer, mut answered) = oneshot::channel();
                 let call = Call { request, answer: Answer(answer), rows: rows.clone() };
                 if calls.send(call).await.is_err() {
                     return Ok(());
                 }
-                answered.await.unwrap_or_else(|_| json!({ "error": "the rig has ended" }).to_string())
+                let answered = loop {
+                    tokio::select! {
+                        biased;
+                        // What has happened before the answer comes before it; a watch begins with its answer.
+                        rows = to_tell.next(), if !watches => writing.write_all(rows.as_bytes()).await?,
+                        answered = &mut answered => break answered,
+                    }
+                };
+                answered.unwrap_or_else(|_| refused("the rig has ended".to_owned()))
             }
-            Err(error) => json!({ "error": format!("expected a request: {error}") }).to_string(),
+            Err(why) => refused(why),
         };
         writing.write_all((answer + "\n").as_bytes()).await?;
     }

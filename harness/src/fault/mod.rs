@@ -166,6 +166,8 @@ impl Fault {
                 let since = begin.map_or(at, |stimulus| rig.stimulate(*node, at, told(stimulus)));
                 let until = self.until(since);
                 let drift = match ailment {
+                    // One that goes nowhere would have no end of steps.
+                    Ailment::Drift(0) => None,
                     Ailment::Drift(per_second) => {
                         Some(Drift { node: *node, usual, per_second: *per_second, taken: 0, next: since, until })
                     }

@@ -12,12 +12,12 @@ use torno_protocol::uart::BITS_PER_CHARACTER;
 use crate::engine::{Fact, Limit};
 use crate::fault::Faults;
 use crate::observe::{Digest, log};
-use crate::pace::{Brake, Pace, Second};
+use crate::pace::{Brake, Lapse, Pace};
 use crate::pc::{PcEvent, PcUart, Replies, STOPPED};
 use crate::port::{LineSettings, PcPort, PortEvent};
 use crate::rig::file::RigFile;
-use crate::rig::{Driver, Rig, RigError};
-use crate::trace::{End, Recorder, RecordingError};
+use crate::rig::{Driver, Input, Rig, RigError, What};
+use crate::trace::{End, RECORDED, Recorder, RecordingError};
 use steering::{Steering, log_begun, next_call};
 
 /// So many of the client's bytes wait in the driver at the most. Its settings are read with each helping, so a new
@@ -30,8 +30,10 @@ const SLICE_MIN: Span = Span::from_millis(1);
 /// Boards that nothing reaches are brought up to date this often, so that none has long to catch up when something
 /// does.
 const KEEP_UP: Span = Span::from_secs(10);
-/// A rig in which something happens goes so far at once.
-const STRIDE: Span = Span::from_secs(1);
+/// While somebody watches, so often in wall time. (Ours: at once, to the eye.)
+const WATCHED: Duration = Duration::from_millis(20);
+/// So long, in wall time, the rig goes on at once: then whoever wants something of it has a turn.
+const AT_ONCE: Duration = Duration::from_millis(20);
 /// So many replies are remembered for the faults that wait for one.
 const REPLIES: usize = 16;
 
@@ -49,7 +51,10 @@ pub struct Live {
     held: bool,
     /// How far time has gone.
     reached: Instant,
+    /// Every board was brought to here last.
     kept_up: Instant,
+    /// When the PC's supply has gone or come, as far as that still lies ahead: what was to be sent by then is lost.
+    supply: Vec<Instant>,
     recording: Option<Recording>,
     faults: Faults,
     /// What the client has heard lately: faults may begin with a reply.
@@ -62,8 +67,6 @@ pub struct Live {
 struct Recording {
     recorder: Recorder,
     digest: Digest,
-    /// Since what was noted has been written.
-    second: Second,
 }
 
 /// Why a live rig ended.
@@ -99,6 +102,7 @@ impl Live {
             held: false,
             reached: Instant::START,
             kept_up: Instant::START,
+            supply: Vec::new(),
             recording: None,
             faults: Faults::default(),
             replies: Replies::new(file.dialect),
@@ -109,7 +113,7 @@ impl Live {
 
     /// Records everything from the start. For a rig that does not run yet.
     pub fn record(&mut self, recorder: Recorder) {
-        self.recording = Some(Recording { recorder, digest: Digest::new(&self.rig), second: Second::begin() });
+        self.recording = Some(Recording { recorder, digest: Digest::new(&self.rig) });
     }
 
     /// Ends the recording, if there is one: every board is brought to one instant, so that what is recorded is all that
@@ -154,36 +158,64 @@ impl Live {
         loop {
             let allowed = self.brake.limit();
             let limit = self.slice(allowed).earlier(self.faults.next());
-            loop {
-                while self.rig.step(limit).await? {
-                    self.deliver()?;
-                    // Whatever may end this must have its turn, even if all boards are in this process.
-                    tokio::task::yield_now().await;
-                }
-                self.deliver()?;
-                // The engine waits for whoever watches; having acted, go on.
-                if !core::mem::take(&mut self.acted) {
-                    break;
-                }
-            }
+            let arrived = self.go(limit).await?;
+            let frontier = self.rig.engine().frontier();
             // At full speed a silence may have held time back.
-            let went = self.rig.engine().frontier() >= limit.until;
-            self.reached = if went || !allowed.until.is_never() { limit.until } else { Instant::NEVER };
+            let went = frontier >= limit.until;
+            self.reached = match arrived {
+                true if went || !allowed.until.is_never() => limit.until,
+                true => Instant::NEVER,
+                false => frontier,
+            };
             let now = self.now();
             for (name, since) in self.faults.go_on(&mut self.rig, now) {
                 log_begun(&name, since);
             }
-            self.tell();
-            self.hold_for_silence();
+            self.lose_supply();
+            self.keep_up().await?;
+            if arrived {
+                self.arrive();
+                self.hold_for_silence();
+            }
             let took = self.take_waiting()? | self.obey_all().await?;
-            if !took && (limit == allowed || !went) {
+            if arrived && !took && (limit == allowed || !went) {
                 self.wait().await?;
             } else {
-                self.check_pace(limit.until);
+                self.check_pace(self.reached);
                 self.write_recording(Duration::ZERO)?;
                 tokio::task::yield_now().await;
             }
-            self.keep_up().await?;
+        }
+    }
+
+    /// Lets everything happen before `limit`, or what comes first of it: not for long at once. Says whether it was all.
+    async fn go(&mut self, limit: Limit) -> Result<bool, LiveError> {
+        let mut lapse = Lapse::begin(AT_ONCE);
+        loop {
+            while self.rig.step(limit).await? {
+                self.deliver()?;
+                // Whatever may end this must have its turn, even if all boards are in this process.
+                tokio::task::yield_now().await;
+                if lapse.is_over(Duration::ZERO) {
+                    return Ok(false);
+                }
+            }
+            self.deliver()?;
+            // The engine waits for whoever watches; having acted, go on.
+            if !core::mem::take(&mut self.acted) {
+                return Ok(true);
+            }
+        }
+    }
+
+    /// Brings every board to `until`: everything before that has happened, and has been noted.
+    async fn settle(&mut self, until: Instant) -> Result<(), LiveError> {
+        loop {
+            self.rig.settle(until).await?;
+            self.deliver()?;
+            if !core::mem::take(&mut self.acted) {
+                return Ok(());
+            }
         }
     }
 
@@ -208,29 +240,20 @@ impl Live {
         Ok(())
     }
 
-    /// Writes what is recorded, if a second will have passed since the last time when `wait` has.
+    /// Lets the recording know that nothing happens for so long.
     fn write_recording(&mut self, wait: Duration) -> Result<(), RecordingError> {
-        if let Some(Recording { recorder, second, .. }) = &mut self.recording
-            && second.is_over(wait)
-        {
-            recorder.flush()?;
-        }
-        Ok(())
+        self.recording.as_mut().map_or(Ok(()), |recording| recording.recorder.before_wait(wait))
     }
 
-    /// How far to go at once: while something happens, no further than [`STRIDE`], so that nobody outside waits for a
-    /// rig that is slower than its pace or has no end; and while the UART has something to send, no further than to
-    /// where it can want more after the next thing that happens. So a stream has no gap, however late this computer
-    /// looks.
+    /// How far to go at once: while the UART has something to send, no further than to where it can want more after the
+    /// next thing that happens. So a stream has no gap, however late this computer looks.
     fn slice(&self, allowed: Limit) -> Limit {
-        let engine = self.rig.engine();
-        let allowed = if engine.is_quiet() { allowed } else { allowed.earlier(Some(engine.frontier() + STRIDE)) };
         if self.queued == 0 || self.brake.pace() == Pace::Max {
             return allowed;
         }
         let low = BITS_PER_CHARACTER * DRIVER_LOW as u64 * 1_000_000_000 / u64::from(self.settings.baud.max(1));
         let low = Span::from_nanos(low).max(SLICE_MIN);
-        let next = engine.next_instant().max(self.reached);
+        let next = self.rig.engine().next_instant().max(self.reached);
         Limit::until(allowed.until.min(next + low))
     }
 
@@ -264,16 +287,53 @@ impl Live {
     fn next_instant(&self) -> Instant {
         let next = self.rig.engine().next_instant();
         let next = self.faults.next().map_or(next, |worse| worse.min(next));
-        if self.brake.pace() == Pace::Max { next } else { next.min(self.kept_up + KEEP_UP) }
+        if self.brake.pace() == Pace::Max { next } else { next.min(self.kept_up + self.keep_up_every()) }
     }
 
-    async fn keep_up(&mut self) -> Result<(), RigError> {
-        let now = self.rig.engine().frontier();
-        if now >= self.kept_up + KEEP_UP {
-            self.kept_up = now;
-            self.rig.catch_up(now).await?;
+    fn is_watched(&self) -> bool {
+        self.steering.as_ref().is_some_and(Steering::is_watched)
+    }
+
+    /// How far time may go before boards that nothing reaches are brought up to date. Where it is not held back it goes
+    /// so far as there is something to do, and where it stands still, as far as somebody has asked: then at once.
+    fn keep_up_every(&self) -> Span {
+        let recorded = || self.recording.as_ref().and_then(|_| self.brake.span_of(RECORDED));
+        match self.is_watched() {
+            true => self.brake.span_of(WATCHED).unwrap_or(Span::from_nanos(1)),
+            false => recorded().map_or(KEEP_UP, |span| span.min(KEEP_UP)),
+        }
+    }
+
+    /// Brings every board to where time is, if that is due, and tells those who watch what has happened before.
+    async fn keep_up(&mut self) -> Result<(), LiveError> {
+        let now = self.now();
+        if now < self.kept_up + self.keep_up_every() {
+            return Ok(());
+        }
+        self.kept_up = now;
+        self.settle(now).await?;
+        if let Some(steering) = &mut self.steering {
+            steering.tell(now);
         }
         Ok(())
+    }
+
+    /// Time has come to where it was to stand still, or to go on from.
+    fn arrive(&mut self) {
+        let now = self.now();
+        if let Some(steering) = &mut self.steering {
+            steering.arrive(now);
+        }
+    }
+
+    /// Forgets what waited for the PC's UART when its supply went or came.
+    fn lose_supply(&mut self) {
+        let now = self.now();
+        let before = self.supply.len();
+        self.supply.retain(|at| *at >= now);
+        if self.supply.len() < before {
+            self.queued = 0;
+        }
     }
 
     /// What has happened since the last call, logged and recorded.
@@ -283,6 +343,11 @@ impl Live {
             tracing::warn!("{incident}");
         }
         let (inputs, facts) = (self.rig.take_inputs(), self.rig.take_facts());
+        for Input { at, what, .. } in &inputs {
+            if matches!(what, What::Stimulus { board, stimulus: Stimulus::Power(_) } if *board == self.rig.pc()) {
+                self.supply.push(*at);
+            }
+        }
         facts.iter().for_each(|fact| log::log(&self.rig, fact));
         if let Some(Recording { recorder, digest, .. }) = &mut self.recording {
             facts.iter().for_each(|fact| digest.add(fact));
@@ -315,14 +380,6 @@ impl Live {
             }
         }
         self.replies.keep_last(REPLIES);
-    }
-
-    /// Tells those who watch what is settled.
-    fn tell(&mut self) {
-        let now = self.now();
-        if let Some(steering) = &mut self.steering {
-            steering.tell(now);
-        }
     }
 
     /// Hands the client what has come for it.

@@ -1,12 +1,11 @@
 //! A live rig at its control socket: does what it is asked, and tells what happens to those who watch.
 
 use serde::Serialize;
-use tokio::sync::mpsc::{self, error::TrySendError};
 use torno_protocol::board::Stimulus;
 use torno_protocol::time::Instant;
 
 use super::{Live, LiveError};
-use crate::control::{Answer, Begun, BoardState, Call, Control, Done, FaultState, Form, Request, State};
+use crate::control::{Answer, Begun, BoardState, Call, Control, Done, FaultState, Form, Request, Rows, State};
 use crate::engine::Fact;
 use crate::fault::{Dice, Planned, RawFault, parse_span};
 use crate::observe::{Telemetry, log};
@@ -37,8 +36,7 @@ pub(super) struct Steering {
 struct Watcher {
     analyser: Analyser,
     form: Form,
-    rows: mpsc::Sender<String>,
-    lost: u64,
+    rows: Rows,
 }
 
 /// What is wrong with a request, for people.
@@ -64,22 +62,38 @@ impl Steering {
         self.watchers.iter_mut().for_each(|watcher| watcher.analyser.note(inputs, facts));
     }
 
-    /// Tells those who watch what has happened before `until`; and who has waited for it, that it is reached.
+    /// Whether anybody watches.
+    pub(super) const fn is_watched(&self) -> bool {
+        !self.watchers.is_empty()
+    }
+
+    /// Tells those who watch what has happened before `until`, to which every board has been brought.
     pub(super) fn tell(&mut self, until: Instant) {
         let header = &self.header;
         self.watchers.retain_mut(|watcher| watcher.tell(header, until));
-        if let Some((_, answer)) = self.stepping.take_if(|(target, _)| *target <= until) {
-            answer.give(Ok::<_, Refused>(done(until)));
+    }
+
+    /// Everything before `now` has happened: tells who has waited for that.
+    pub(super) fn arrive(&mut self, now: Instant) {
+        if let Some((_, answer)) = self.stepping.take_if(|(target, _)| *target <= now) {
+            give(answer, Ok(done(now)));
         }
     }
 
-    fn watch(&mut self, wanted: &Wanted, form: Form, rows: mpsc::Sender<String>) -> Result<(), Refused> {
+    /// A step that is under way will not come to its end.
+    fn end_step(&mut self, what: &str, now: Instant) {
+        if let Some((target, answer)) = self.stepping.take() {
+            give(answer, Err::<Done, _>(format!("the step to {target} is ended by a {what} at {now}")));
+        }
+    }
+
+    fn watch(&mut self, wanted: &Wanted, form: Form, rows: Rows) -> Result<(), Refused> {
         let filter = Filter::new(&self.header, wanted).map_err(|error| error.to_string())?;
         let mut analyser = Analyser::new(&self.header, filter);
         analyser.note(&self.tuned, &[]);
         // That was before anybody watched.
         analyser.take(wanted.from);
-        self.watchers.push(Watcher { analyser, form, rows, lost: 0 });
+        self.watchers.push(Watcher { analyser, form, rows });
         Ok(())
     }
 }
@@ -87,35 +101,15 @@ impl Steering {
 impl Watcher {
     /// Says whether anybody still watches.
     fn tell(&mut self, header: &Header, until: Instant) -> bool {
-        let Self { analyser, form, .. } = self;
+        let (analyser, form) = (&mut self.analyser, self.form);
         let text = |row: Row| match form {
             Form::Json => row.json(header).to_string(),
             Form::Text => row.text(header, false),
             Form::Colour => row.text(header, true),
         };
-        let rows: Vec<String> = analyser.take(until).into_iter().map(text).collect();
-        rows.into_iter().all(|row| self.send(row)) && !self.rows.is_closed()
-    }
-
-    fn send(&mut self, row: String) -> bool {
-        if self.lost > 0 {
-            match self.rows.try_send(serde_json::json!({ "lost": self.lost }).to_string()) {
-                Ok(()) => self.lost = 0,
-                Err(TrySendError::Full(_)) => {
-                    self.lost += 1;
-                    return true;
-                }
-                Err(TrySendError::Closed(_)) => return false,
-            }
-        }
-        match self.rows.try_send(row) {
-            Ok(()) => true,
-            Err(TrySendError::Full(_)) => {
-                self.lost += 1;
-                true
-            }
-            Err(TrySendError::Closed(_)) => false,
-        }
+        let due = analyser.take(until);
+        due.into_iter().for_each(|row| self.rows.tell(text(row)));
+        !self.rows.is_closed()
     }
 }
 
@@ -134,9 +128,7 @@ impl Live {
         let now = self.now();
         match request {
             Request::State => {
-                // Boards that nothing reaches lag behind.
-                self.rig.catch_up(now).await?;
-                self.deliver()?;
+                self.settle(now).await?;
                 give(answer, self.state(now));
             }
             Request::Fault { fault } => {
@@ -148,10 +140,12 @@ impl Live {
             Request::Heal { name } => give(answer, self.heal(&name, now)),
             Request::Power { board, on } => give(answer, self.power(&board, on, now)),
             Request::Pause => {
+                self.end_step("pause", now);
                 self.brake.pause(now);
                 give(answer, Ok(done(now)));
             }
             Request::Resume => {
+                self.end_step("resume", now);
                 self.brake.resume(now);
                 give(answer, Ok(done(now)));
             }
@@ -167,12 +161,20 @@ impl Live {
                 give(answer, pace);
             }
             Request::Watch { lines, boards, kinds, form } => {
+                // What comes from then on is what happens from then on.
+                self.settle(now).await?;
                 let wanted = Wanted { from: now, to: None, lines, boards, kinds };
                 let watched = self.steering.as_mut().map(|steering| steering.watch(&wanted, form, rows));
                 give(answer, watched.unwrap_or(Ok(())).map(|()| done(now)));
             }
         }
         Ok(())
+    }
+
+    fn end_step(&mut self, what: &str, now: Instant) {
+        if let Some(steering) = &mut self.steering {
+            steering.end_step(what, now);
+        }
     }
 
     fn step_on(&mut self, target: Instant, answer: Answer) {
@@ -214,8 +216,7 @@ impl Live {
 
     fn power(&mut self, board: &str, on: bool, now: Instant) -> Result<Done, Refused> {
         let boards: Vec<&str> = self.rig.nodes().iter().map(|node| node.name.as_str()).collect();
-        let Some(place) = boards.iter().position(|name| *name == board).filter(|place| *place != self.rig.pc()) else {
-            let boards: Vec<&str> = boards.into_iter().filter(|name| *name != "pc").collect();
+        let Some(place) = boards.iter().position(|name| *name == board) else {
             return Err(format!("there is no board '{board}'{}", nearest(board, &boards)));
         };
         Ok(done(self.rig.stimulate(place, now, Stimulus::Power(on))))

@@ -1,9 +1,11 @@
 //! Sweeps: a scenario over seeds and over ranges of anything that its files say.
 
+mod merge;
 mod shrink;
 mod table;
 mod vary;
 
+pub use merge::{MergeError, Missing, Whole, merge};
 pub use shrink::shrink;
 pub use table::{Table, Verdict};
 pub use vary::{Scene, SweepError, Variation};
@@ -13,6 +15,10 @@ use serde::{Deserialize, Serialize};
 /// One run of a sweep.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Run {
+    /// The sweep that it is a part of.
+    pub sweep: Whole,
+    /// Its place in that, from 0: seed by seed, for one combination of values after the other.
+    pub number: u64,
     /// The scenario's name.
     pub scenario: String,
     /// What was varied, and to what.

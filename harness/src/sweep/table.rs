@@ -91,11 +91,13 @@ impl Table {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sweep::Whole;
 
     fn run(value: &str, verdict: Verdict) -> Run {
         let (scenario, digest) = ("s".to_owned(), String::new());
         let values = vec![("fault.x.value".to_owned(), value.to_owned())];
-        Run { scenario, values, seed: 0, verdict, failure: None, digest }
+        let sweep = Whole { files: String::new(), seeds: 3, vary: Vec::new(), runs: 3 };
+        Run { sweep, number: 0, scenario, values, seed: 0, verdict, failure: None, digest }
     }
 
     #[test]

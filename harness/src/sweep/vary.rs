@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use toml::{Table, Value};
+use xxhash_rust::xxh3::xxh3_128;
 
 use crate::fault::{LINE_KINDS, Range};
 use crate::rig::names::Names;
@@ -85,6 +86,8 @@ impl Variation {
 pub struct Scene {
     path: String,
     scenario: Table,
+    /// What its rig's file says.
+    rig: String,
     /// The lines of its rig.
     lines: Vec<String>,
     /// Faults that are left out.
@@ -99,8 +102,15 @@ impl Scene {
     pub fn load(path: &Path) -> Result<Self, SweepError> {
         let name = path.display().to_string();
         let text = text::read(path).map_err(|source| SweepError::Unreadable { path: name.clone(), source })?;
-        let lines = Names::of(&Scenario::parse(&name, &text, None)?.file).lines;
-        Ok(Self { path: name, scenario: toml::from_str(&text).unwrap_or_default(), lines, without: Vec::new() })
+        let file = Scenario::parse(&name, &text, None)?.file;
+        let scenario = toml::from_str(&text).unwrap_or_default();
+        Ok(Self { path: name, scenario, lines: Names::of(&file).lines, rig: file.text, without: Vec::new() })
+    }
+
+    /// A digest of what the scenario's file and its rig's say, wherever they are.
+    pub fn digest(&self) -> String {
+        let scenario = toml::to_string(&self.scenario).unwrap_or_default();
+        format!("{:032x}", xxh3_128(format!("{}\n{scenario}{}", scenario.len(), self.rig).as_bytes()))
     }
 
     /// The faults' names, in the order of the file; and of those that come with `values`.

@@ -28,8 +28,8 @@
 //! before whatever depends on it.
 //!
 //! The number as seed tells a block that is missing or out of place from one that is sound. A block is written whole,
-//! when it has grown to 64 KiB or nothing more is about to come. So a trace whose writer was killed lacks its end, and
-//! perhaps a part of its last block, and is good up to there.
+//! when it has grown to 64 KiB, or once in a second of wall time. So a trace whose writer was killed lacks its end,
+//! what was noted in the last second, and perhaps a part of its last block, and is good up to there.
 
 pub mod analyser;
 pub mod decode;
@@ -43,7 +43,7 @@ mod writer;
 
 pub use format::{BoardInfo, End, Header, LineInfo, VERSION};
 pub use reader::{Damage, read};
-pub use recorder::{CreateError, Recorder, RecordingError};
+pub use recorder::{CreateError, RECORDED, Recorder, RecordingError};
 pub use writer::Writer;
 
 /// Why a session that may be recorded cannot go on. It is not the machine in the rig that broke.

@@ -4,13 +4,23 @@ use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, Read, Seek};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use torno_protocol::time::Instant;
 
 use super::format::MAGIC;
 use super::{End, Header, Writer};
 use crate::engine::Fact;
+use crate::pace::Lapse;
 use crate::rig::Input;
+
+/// What has been noted is written within this, in wall time.
+const SECOND: Duration = Duration::from_secs(1);
+/// At a pace, boards that nothing reaches are asked so often for what they have to tell, in wall time: so that it is
+/// noted before the second is over.
+pub const RECORDED: Duration = Duration::from_millis(500);
+/// Notes between two looks at the wall clock.
+const NOTES_PER_LOOK: u32 = 64;
 
 /// Why a recording cannot begin.
 #[derive(Debug, thiserror::Error)]
@@ -53,11 +63,16 @@ fn up_to(good: Instant) -> String {
     if good == Instant::START { "for nothing yet".to_owned() } else { format!("up to {good}") }
 }
 
-/// Records a session into a file. Dropped, it writes what it still has: then the trace lacks only its end.
+/// Records a session into a file. What has been noted is written within a second of wall time, as long as it is told
+/// of [waits](Self::before_wait). Dropped, it writes what it still has: then the trace lacks only its end.
 #[derive(Debug)]
 pub struct Recorder {
     path: PathBuf,
     writer: Writer<File>,
+    /// Since what was noted has been written.
+    second: Lapse,
+    /// Notes since the last look at the clock.
+    notes: u32,
     /// It has ended, well or not.
     over: bool,
 }
@@ -105,7 +120,7 @@ impl Recorder {
     pub fn begin(path: &Path, file: File, header: &Header) -> Result<Self, RecordingError> {
         let path = path.to_owned();
         match Writer::new(file, header) {
-            Ok(writer) => Ok(Self { path, writer, over: false }),
+            Ok(writer) => Ok(Self { path, writer, second: Lapse::begin(SECOND), notes: 0, over: false }),
             Err(source) => Err(RecordingError { path, good: Instant::START, source }),
         }
     }
@@ -116,14 +131,21 @@ impl Recorder {
     /// [`RecordingError`] if it cannot be written.
     pub fn note(&mut self, inputs: &[Input], facts: &[Fact], settled: Instant) -> Result<(), RecordingError> {
         let noted = self.writer.note(inputs, facts, settled);
-        self.check(noted)
+        self.check(noted)?;
+        self.notes += 1;
+        if self.notes >= NOTES_PER_LOOK { self.before_wait(Duration::ZERO) } else { Ok(()) }
     }
 
-    /// Writes what has been noted: nothing more is about to come.
+    /// Nothing is noted for so long, in wall time: writes what has been noted, if a second will have passed by then
+    /// since the last time.
     ///
     /// # Errors
     /// [`RecordingError`] if it cannot be written.
-    pub fn flush(&mut self) -> Result<(), RecordingError> {
+    pub fn before_wait(&mut self, wait: Duration) -> Result<(), RecordingError> {
+        self.notes = 0;
+        if !self.second.is_over(wait) {
+            return Ok(());
+        }
         let flushed = self.writer.flush();
         self.check(flushed)
     }
