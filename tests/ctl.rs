@@ -493,6 +493,19 @@ fn a_file_breaks_a_live_rig() {
     assert_eq!((wrong.status.code(), stderr(&wrong).contains("faults.toml:1:1: unknown field")), (Some(2), true));
 }
 
+/// On a wire that is held high it changes nothing; and still has no end.
+#[test]
+fn noise_that_nobody_sees_at_full_speed_is_no_hindrance() {
+    let folder = folder();
+    let faults = folder.path().join("faults.toml");
+    let fault = |kind: &str| format!("[[fault]]\nline = \"master_to_transverse\"\n{kind}\n");
+    let both = fault("kind = \"noise\"\nperiod = \"1 ms\"") + &fault("kind = \"stuck-high\"");
+    fs::write(&faults, both).unwrap();
+    let up = Up::start(&["--pace", "max", "--faults", faults.to_str().unwrap()]);
+    wait_until("time goes on", || ctl(&up, &["state"])["ns"].as_u64().unwrap() > 10_000_000_000);
+    end(up);
+}
+
 /// There is always something to do in it, but not at the cost of whoever asks.
 #[test]
 fn a_noisy_rig_at_full_speed_answers() {

@@ -34,6 +34,8 @@ const KEEP_UP: Span = Span::from_secs(10);
 const WATCHED: Duration = Duration::from_millis(20);
 /// So long, in wall time, the rig goes on at once: then whoever wants something of it has a turn.
 const AT_ONCE: Duration = Duration::from_millis(20);
+/// A rig in which something happens goes so far at once, in virtual time.
+const STRIDE: Span = Span::from_secs(1);
 /// So many replies are remembered for the faults that wait for one.
 const REPLIES: usize = 16;
 
@@ -245,15 +247,18 @@ impl Live {
         self.recording.as_mut().map_or(Ok(()), |recording| recording.recorder.before_wait(wait))
     }
 
-    /// How far to go at once: while the UART has something to send, no further than to where it can want more after the
-    /// next thing that happens. So a stream has no gap, however late this computer looks.
+    /// How far to go at once: while something happens, no further than [`STRIDE`], as noise has no end; and while the
+    /// UART has something to send, no further than to where it can want more after the next thing that happens. So a
+    /// stream has no gap, however late this computer looks.
     fn slice(&self, allowed: Limit) -> Limit {
+        let engine = self.rig.engine();
+        let allowed = if engine.is_quiet() { allowed } else { allowed.earlier(Some(engine.frontier() + STRIDE)) };
         if self.queued == 0 || self.brake.pace() == Pace::Max {
             return allowed;
         }
         let low = BITS_PER_CHARACTER * DRIVER_LOW as u64 * 1_000_000_000 / u64::from(self.settings.baud.max(1));
         let low = Span::from_nanos(low).max(SLICE_MIN);
-        let next = self.rig.engine().next_instant().max(self.reached);
+        let next = engine.next_instant().max(self.reached);
         Limit::until(allowed.until.min(next + low))
     }
 
