@@ -22,6 +22,9 @@ pub fn deviations(got: &Profile, asked: &Profile) -> Vec<f64> {
     let radii = asked.radii();
     let off = |(point, radius): (usize, &f64)| {
         let Some(last) = radii.len().checked_sub(1) else { return 0.0 };
+        if radii.get(point) == Some(radius) {
+            return 0.0;
+        }
         let around = &radii[point.saturating_sub(near).min(last)..=(point + near).min(last)];
         let least = around.iter().copied().fold(f64::INFINITY, f64::min);
         let most = around.iter().copied().fold(0.0, f64::max);

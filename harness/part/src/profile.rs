@@ -92,15 +92,17 @@ impl Profile {
         // A way's end that lies on a point, as written, must not miss it for the noise of floating point.
         let last = ((furthest + 1e-6).floor() as usize).min(self.radii.len() - 1);
         let sweep = Sweep::new(nose, from, to);
+        // What has been turned as thin lies within the noise of floating point of it.
+        let cut = lowest + NOTHING;
         let blocks = first / BLOCK..=last / BLOCK;
         let starts = blocks.clone().map(|block| block * BLOCK);
         let radii = self.radii[blocks.start() * BLOCK..].chunks_mut(BLOCK);
         for ((radii, greatest), start) in radii.zip(&mut self.greatest[blocks]).zip(starts) {
-            if *greatest <= lowest {
+            if *greatest <= cut {
                 continue;
             }
             for (point, radius) in (start..=last).zip(radii.iter_mut()).skip(first.saturating_sub(start)) {
-                if *radius <= lowest {
+                if *radius <= cut {
                     continue;
                 }
                 let left = sweep.height(Self::z(point)).max(0.0);
