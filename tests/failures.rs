@@ -13,7 +13,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use torno::engine::{Fact, Limit};
 use torno::pc::{PcEvent, PcUart};
-use torno::play::{Breakage, Played};
+use torno::play::Played;
 use torno::rig::file::RigFile;
 use torno::rig::{Driver, Rig};
 use torno_protocol::board::Stimulus;
@@ -29,12 +29,8 @@ const FEED: [u8; 8] = [0x4b, 0x0a, 0x23, 0x28, 0x00, 0, 0, 0];
 const INFEED: [u8; 8] = [0x4b, 0, 0, 0, 0, 0x01, 0x90, 0];
 
 /// A board fails in motion, with a frame held and more to come. Checks what follows, and gives the final telemetry.
-fn fails(motion: [u8; 8], breakage: Breakage, at: f64, slave: Slave, fault: Fault) -> Played {
-    fails_by(motion, vec![breakage], at, slave, fault)
-}
-
-fn fails_by(motion: [u8; 8], breakages: Vec<Breakage>, at: f64, slave: Slave, fault: Fault) -> Played {
-    let played = play(&[TURNING, motion, FEED, INFEED, FEED], breakages);
+fn fails(motion: [u8; 8], broken: &str, at: f64, slave: Slave, fault: Fault) -> Played {
+    let played = play(&[TURNING, motion, FEED, INFEED, FEED], broken);
     assert_eq!(played.outcome, Outcome::Faulted);
     assert_eq!(played.conversation.failures, [(slave.into(), fault)]);
 
@@ -62,53 +58,52 @@ fn telemetry(played: &Played, board: &str, quantity: &str) -> i64 {
     played.boards.iter().find(|other| other.name == board).unwrap().telemetry[quantity]
 }
 
-fn cut(line: &str, at: f64) -> Breakage {
-    Breakage::Cut { line: line.to_owned(), at: seconds(at) }
+fn cut(line: &str, at: f64) -> String {
+    format!("[[fault]]\nline = \"{line}\"\nkind = \"cut\"\nat = \"{at} s\"\n")
 }
 
-fn stall(board: &str, at: f64) -> Breakage {
-    Breakage::Stimulus { board: board.to_owned(), at: seconds(at), stimulus: Stimulus::Stall(true) }
+fn befalls(board: &str, kind: &str, at: f64) -> String {
+    format!("[[fault]]\nboard = \"{board}\"\nkind = \"{kind}\"\nat = \"{at} s\"\n")
 }
 
 #[test]
 fn a_slave_whose_answers_are_cut_off_in_motion_is_reported_within_three_seconds() {
     for at in [7.0, 20.5] {
-        let played = fails(INFEED, cut("depth_to_master", at), at, Slave::Depth, Fault::NoAnswer);
+        let played = fails(INFEED, &cut("depth_to_master", at), at, Slave::Depth, Fault::NoAnswer);
         // Nobody told the axis to stop: it does what it was told, and no more.
         assert_eq!(telemetry(&played, "depth", "position_counts"), 400);
         assert_eq!(telemetry(&played, "transverse", "position_counts"), 0);
     }
-    fails(FEED, cut("transverse_to_master", 12.345), 12.345, Slave::Transverse, Fault::NoAnswer);
+    fails(FEED, &cut("transverse_to_master", 12.345), 12.345, Slave::Transverse, Fault::NoAnswer);
 }
 
 #[test]
 fn a_slave_that_is_cut_off_from_its_master_in_motion_is_reported_within_three_seconds() {
     for at in [5.0, 12.3] {
-        let played = fails(FEED, cut("master_to_transverse", at), at, Slave::Transverse, Fault::NoAnswer);
+        let played = fails(FEED, &cut("master_to_transverse", at), at, Slave::Transverse, Fault::NoAnswer);
         assert_eq!(telemetry(&played, "transverse", "position_counts"), 9000);
         assert_eq!(telemetry(&played, "depth", "position_counts"), 0);
     }
-    fails(INFEED, cut("master_to_depth", 6.0), 6.0, Slave::Depth, Fault::NoAnswer);
+    fails(INFEED, &cut("master_to_depth", 6.0), 6.0, Slave::Depth, Fault::NoAnswer);
 }
 
 #[test]
 fn a_slave_that_starts_anew_in_motion_is_not_taken_for_done() {
     for (motion, slave) in [(FEED, Slave::Transverse), (INFEED, Slave::Depth)] {
-        let breakage = |at, stimulus| Breakage::Stimulus { board: slave.name().to_owned(), at: seconds(at), stimulus };
-        fails(motion, breakage(10.0, Stimulus::Reset), 10.0, slave, Fault::Restarted);
-        let power = [(10.0, false), (10.3, true)].map(|(at, on)| breakage(at, Stimulus::Power(on)));
-        let played = fails_by(motion, power.into(), 10.0, slave, Fault::Restarted);
+        fails(motion, &befalls(slave.name(), "reset", 10.0), 10.0, slave, Fault::Restarted);
+        let off = befalls(slave.name(), "power-off", 10.0);
+        let played = fails(motion, &format!("{off}for = \"300 ms\"\n"), 10.0, slave, Fault::Restarted);
         // It counts from 0 again, the carriage does not.
         assert!(telemetry(&played, slave.name(), "position_counts") < 3_000);
         assert!(telemetry(&played, slave.name(), "carriage_offset_counts") > 5);
-        fails(motion, breakage(10.0, Stimulus::Power(false)), 10.0, slave, Fault::NoAnswer);
+        fails(motion, &off, 10.0, slave, Fault::NoAnswer);
     }
 }
 
 #[test]
 fn a_motor_that_stalls_in_motion_is_reported_and_switched_off() {
     for (motion, at, slave) in [(FEED, 10.0, Slave::Transverse), (INFEED, 10.0, Slave::Depth)] {
-        let played = fails(motion, stall(slave.name(), at), at, slave, Fault::Stalled);
+        let played = fails(motion, &befalls(slave.name(), "stall", at), at, slave, Fault::Stalled);
         assert_eq!(telemetry(&played, slave.name(), "drive"), 0);
         let position = telemetry(&played, slave.name(), "position_counts");
         assert!((1..8000).contains(&position), "{position}");
@@ -117,7 +112,7 @@ fn a_motor_that_stalls_in_motion_is_reported_and_switched_off() {
 
 #[test]
 fn a_spindle_that_stalls_while_it_starts_is_reported() {
-    let played = play(&[TURNING, FEED, FEED], vec![stall("spindle", 0.1)]);
+    let played = play(&[TURNING, FEED, FEED], &befalls("spindle", "stall", 0.1));
     assert_eq!(played.outcome, Outcome::Faulted);
     assert_eq!(played.conversation.failures, [(Slave::Spindle.into(), Fault::Stalled)]);
     let dump = Dump::of(&played);
@@ -130,7 +125,7 @@ fn a_spindle_that_stalls_while_it_starts_is_reported() {
 #[test]
 fn a_spindle_that_stalls_while_an_axis_moves_is_reported() {
     let at = 10.0;
-    let played = fails(FEED, stall("spindle", at), at, Slave::Spindle, Fault::Stalled);
+    let played = fails(FEED, &befalls("spindle", "stall", at), at, Slave::Spindle, Fault::Stalled);
     assert_eq!(telemetry(&played, "transverse", "position_counts"), 9000);
 }
 
@@ -140,7 +135,7 @@ fn an_axis_that_runs_into_its_end_of_travel_is_reported() {
     let feed = [0x00, 0xe1, 0x75, 0x30, 0x01, 0, 0, 0];
     let infeed = [0x00, 0, 0, 0, 0, 0x01, 0x2c, 0x01];
     for (frame, slave, least) in [(infeed, Slave::Depth, -455..=-445), (feed, Slave::Transverse, -36_050..=-35_950)] {
-        let played = play(&[frame, frame, frame, TURNING], Vec::new());
+        let played = play(&[frame, frame, frame, TURNING], "");
         assert_eq!(played.outcome, Outcome::Faulted);
         assert_eq!(played.conversation.failures, [(slave.into(), Fault::EndOfTravel)]);
         let can = [CAN, slave.letter(), b'e'];

@@ -74,7 +74,7 @@ fn a_program_that_gets_no_further_is_given_up() {
     let text = output(&[]);
     assert_eq!(text.status.code(), Some(1));
     let text = String::from_utf8(text.stdout).unwrap();
-    assert!(text.contains("\ngiven up: the PC has heard nothing for long; master waits for spindle\n"), "{text}");
+    assert!(text.contains("\ngiven up: no frame has been accepted for long; master waits for spindle\n"), "{text}");
     assert!(text.ends_with("outcome  unanswered\n"), "{text}");
     let digests: BTreeSet<String> = [&["--json"][..], &["--json", "--in-process"], &["--json", "--pace", "2000"]]
         .map(|more| json(&output(more))["digest"].as_str().unwrap().to_owned())
@@ -85,6 +85,31 @@ fn a_program_that_gets_no_further_is_given_up() {
     let wrong = common::output(&["run", "--patience", "long"]);
     assert_eq!(wrong.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&wrong.stderr).contains("--patience: 'long': expected a time"), "{wrong:?}");
+}
+
+#[test]
+fn a_run_breaks_what_it_is_told_to() {
+    let folder = folder();
+    let (faults, trace) = (folder.path().join("faults.toml"), folder.path().join("run.trace"));
+    let text = "[[fault]]\nline = \"depth_to_master\"\nkind = \"noise\"\nperiod = \"20 ms\"\n\
+                [[fault]]\nname = \"chip\"\nboard = \"transverse\"\nkind = \"load\"\nvalue = \"5 %..20 %\"\n\
+                when = { line = \"pc_to_master\", character = 24 }\nfor = \"2 s\"\n\
+                [[fault]]\nname = \"late\"\nboard = \"spindle\"\nkind = \"stall\"\nat = \"1000 s\"\n";
+    std::fs::write(&faults, text).unwrap();
+    let broken = ["run", "--json", "--faults", faults.to_str().unwrap(), "--record", trace.to_str().unwrap()];
+    let mut digests = BTreeSet::new();
+    for more in [&["--in-process"][..], &["--pace", "500"], &[]] {
+        let output = output(&[&broken[..], more].concat());
+        let log = String::from_utf8_lossy(&output.stderr);
+        assert!(log.starts_with("seed 0, fault.chip.value = "), "{log}");
+        assert!(log.contains("fault 'chip' begins") && log.contains("the fault 'late' has not fired"), "{log}");
+        digests.insert(json(&output)["digest"].as_str().unwrap().to_owned());
+        let repeated = common::output(&["replay", trace.to_str().unwrap()]);
+        assert!(String::from_utf8_lossy(&repeated.stdout).starts_with("same digest"), "{repeated:?}");
+    }
+    assert_eq!(digests.len(), 1, "{digests:?}");
+    let other = json(&output(&[&broken[..], &["--seed", "7"]].concat()));
+    assert!(!digests.contains(other["digest"].as_str().unwrap()));
 }
 
 fn pids(summary: &Value) -> BTreeSet<u64> {

@@ -14,13 +14,14 @@ use std::time::Duration;
 use common::{ACK, LONG, NAK, SHORT, Up, XOFF, XON, folder, json, kill, output, torno, wait_until};
 use serde_json::Value;
 use serialport::SerialPort;
-use torno::play::{Breakage, Play};
+use torno::fault;
+use torno::play::Play;
 use torno::rig::Driver;
 use torno::rig::file::RigFile;
+use torno::rig::names::Names;
 use torno::trace::analyser::{self, Analyser};
 use torno::trace::rows::{Filter, Row, Wanted};
 use torno::trace::{Header, Recorder};
-use torno_protocol::board::Stimulus;
 use torno_protocol::lathe::Program;
 use torno_protocol::time::{Instant, Span};
 
@@ -520,20 +521,20 @@ fn cuts_and_stimuli_are_repeated_with_the_same_digest() {
     let folder = folder();
     let path = folder.path().join("play.trace");
     let file = RigFile::load("lathe").unwrap();
-    let at = |ms: u64| Instant::START + Span::from_millis(ms);
-    let to =
-        |board: &str, ms: u64, stimulus: Stimulus| Breakage::Stimulus { board: board.to_owned(), at: at(ms), stimulus };
-    let breakages = vec![
-        Breakage::Cut { line: "depth_to_master".to_owned(), at: at(300) },
-        to("transverse", 400, Stimulus::Stall(true)),
-        to("spindle", 100, Stimulus::Hang(true)),
-        to("spindle", 700, Stimulus::Hang(false)),
-        to("master", 22, Stimulus::Reset),
+    let at = |line_or_board: &str, kind: &str, ms: u64| {
+        format!("[[fault]]\n{line_or_board}\nkind = \"{kind}\"\nat = \"{ms} ms\"\n")
+    };
+    let faults = [
+        at("line = \"depth_to_master\"", "cut", 300),
+        at("board = \"transverse\"", "stall", 400),
+        at("board = \"spindle\"\nfor = \"600 ms\"", "hang", 100),
+        at("board = \"master\"", "reset", 22),
     ];
+    let faults = fault::parse("faults.toml", &faults.concat(), &Names::of(&file), None).unwrap().faults;
     let header = Header::new(&file, "lathe", 0, Some("test"));
     let recorder = Recorder::begin(&path, Recorder::open(&path).unwrap(), &header).unwrap();
     let program = Program { frames: vec![SHORT, MEDIUM] };
-    let play = Play { breakages, ..Play::new(file, program, Driver::InProcess) };
+    let play = Play { faults, ..Play::new(file, program, Driver::InProcess) };
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     let played = runtime.block_on(play.record(Some(recorder), |_| (), std::future::pending())).unwrap();
     let output = on(0, &["replay", word(&path)]);

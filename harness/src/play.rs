@@ -4,7 +4,8 @@ use torno_protocol::board::Stimulus;
 use torno_protocol::lathe::{Conversation, Outcome, Program, Reply, ReplyDecoder};
 use torno_protocol::time::{Instant, Span};
 
-use crate::engine::{Disturbance, Fact, Limit, NodeId};
+use crate::engine::{Fact, Limit, NodeId};
+use crate::fault::{Faults, Looked, Onlooker, Planned};
 use crate::observe::{Digest, Sum, Telemetry, ToolPath, Waveforms, log};
 use crate::pace::{Brake, Pace};
 use crate::pc::{PcEvent, PcProgram, PcUart};
@@ -17,8 +18,10 @@ use crate::trace::{End, Header, RECORDED, Recorder, SessionError, Trace};
 const PROGRAM_START: Span = Span::from_millis(10);
 /// Steps between two looks at what may end the run.
 const STEPS_PER_LOOK: u32 = 64;
-/// Unless something else is asked for, a play is given up when the PC has neither sent nor heard anything for so long.
-/// (Ours: the longest motion of the lathe, 65 535 counts at a count every 30 ms, takes 33 minutes.)
+/// A program that is over in a rig with faults is left to run for so long: noise has no end.
+const AFTER: Span = Span::from_secs(1);
+/// Unless something else is asked for, a play is given up when no frame has been accepted for so long. (Ours: the
+/// longest motion of the lathe, 65 535 counts at a count every 30 ms, takes 33 minutes.)
 pub const PATIENCE: Span = Span::from_secs(3_600);
 
 /// What is to be played, and how.
@@ -33,47 +36,26 @@ pub struct Play {
     /// How fast.
     pub pace: Pace,
     /// What breaks on the way.
-    pub breakages: Vec<Breakage>,
+    pub faults: Vec<Planned>,
     /// Whether to keep the waveforms of all lines.
     pub waveforms: bool,
     /// Whether to measure what wall time is spent on.
     pub measure: bool,
     /// What heads the trace that is to be kept in memory, if one is.
     pub keep: Option<Header>,
-    /// It is given up when the PC has neither sent nor heard anything for so long, in virtual time.
+    /// It is given up when no frame has been accepted for so long, in virtual time.
     pub patience: Span,
 }
 
 /// Why a play ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ended {
-    /// Nothing more can happen.
-    Quiet,
-    /// The PC has neither sent nor heard anything for as long as it was to be waited for.
+    /// The program is over, and nothing more happens, but for faults.
+    Over,
+    /// No frame has been accepted for as long as it was to be waited for.
     OutOfPatience,
     /// It was to end.
     Interrupted,
-}
-
-/// Something that breaks at an instant.
-#[derive(Clone, Debug)]
-pub enum Breakage {
-    /// A line is cut.
-    Cut {
-        /// The line's name.
-        line: String,
-        /// When.
-        at: Instant,
-    },
-    /// A board gets a stimulus.
-    Stimulus {
-        /// The board's name.
-        board: String,
-        /// When.
-        at: Instant,
-        /// What.
-        stimulus: Stimulus,
-    },
 }
 
 /// A program that sends no more once a board has failed: with a frame missing, the rest would turn another part.
@@ -125,14 +107,16 @@ pub struct Played {
     pub path: Option<ToolPath>,
     /// Everything that happened, if it was to be kept.
     pub trace: Option<Trace>,
+    /// The faults that have not fired.
+    pub unfired: Vec<String>,
 }
 
 impl Played {
     /// In words, why it ended before the rig was quiet; nothing, if it did not.
     pub fn cut_short(&self) -> Option<String> {
         let why = match self.ended {
-            Ended::Quiet => return None,
-            Ended::OutOfPatience => "given up: the PC has heard nothing for long",
+            Ended::Over => return None,
+            Ended::OutOfPatience => "given up: no frame has been accepted for long",
             Ended::Interrupted => "interrupted",
         };
         let waits = self.boards.iter().filter(|board| !board.waits_for.is_empty());
@@ -167,8 +151,16 @@ struct Session {
     facts: Vec<Fact>,
     bytes_sent: usize,
     now: Instant,
-    /// When the PC has sent or heard something last.
-    spoke: Instant,
+    /// When a frame has been accepted last.
+    accepted: Instant,
+    /// Since when the program is over, if it is.
+    over: Option<Instant>,
+    /// How many frames it has.
+    frames: usize,
+    faults: Faults,
+    onlooker: Onlooker,
+    /// What waits for something has been seen: the engine may have waited for that.
+    acted: bool,
     incidents: Vec<Incident>,
 }
 
@@ -180,7 +172,7 @@ impl Play {
             program,
             driver,
             pace: Pace::Max,
-            breakages: Vec::new(),
+            faults: Vec::new(),
             waveforms: false,
             measure: false,
             keep: None,
@@ -215,23 +207,24 @@ impl Play {
         if self.measure {
             rig.measure();
         }
-        for breakage in &self.breakages {
-            break_it(&mut rig, breakage)?;
-        }
+        let (mut faults, onlooker) = (Faults::default(), Onlooker::new(self.file.dialect));
+        let begun = onlooker.plan(&mut rig, &mut faults, &self.faults);
+        begun.iter().for_each(|(name, since)| log::begun(name, *since));
         let pc = rig.pc();
         let start = Instant::START + PROGRAM_START.max(self.file.margin());
         rig.stimulate(pc, start, Stimulus::Write(self.program.bytes()));
         let path = self.file.part.as_ref().map(ToolPath::new);
-        let mut session = Session::new(rig, self.waveforms, path, recorder);
+        let frames = self.program.frames.len();
+        let mut session = Session { faults, frames, ..Session::new(rig, onlooker, self.waveforms, path, recorder) };
         session.trace = self.keep.map(Trace::new);
         let mut brake = Brake::new(self.pace).map_err(RigError::from)?;
         let keep_up = session.recorder.as_ref().and_then(|_| brake.span_of(RECORDED));
         let mut kept_up = Instant::START;
         let mut interrupted = std::pin::pin!(interrupted);
         let ended = 'play: loop {
-            let patience = session.spoke + self.patience;
-            let limit = if self.pace == Pace::Max { Limit::until(patience) } else { brake.limit() };
-            let limit = limit.earlier(Some(patience));
+            let deadline = session.deadline(self.patience);
+            let allowed = if self.pace == Pace::Max { Limit::NONE } else { brake.limit() };
+            let limit = allowed.earlier(Some(deadline)).earlier(session.faults.next()).earlier(session.stride());
             let mut steps = 0;
             while session.rig.step(limit).await? {
                 session.take_note()?;
@@ -247,21 +240,29 @@ impl Play {
             }
             session.take_note()?;
             progress(session.progress());
-            if session.rig.engine().is_quiet() {
-                break Ended::Quiet;
+            if core::mem::take(&mut session.acted) {
+                continue;
             }
-            if limit.until == session.spoke + self.patience {
-                break Ended::OutOfPatience;
+            if session.rig.engine().is_quiet() && session.faults.next_turn().is_none() {
+                break Ended::Over;
+            }
+            if session.faults.next() == Some(limit.until) {
+                let begun = session.faults.go_on(&mut session.rig, limit.until);
+                begun.iter().for_each(|(name, since)| log::begun(name, *since));
+                continue;
+            }
+            if limit.until == session.deadline(self.patience) {
+                break if session.over.is_some() { Ended::Over } else { Ended::OutOfPatience };
             }
             if self.pace == Pace::Max {
                 continue;
             }
-            let mut next = session.rig.engine().next_instant();
+            let next = session.rig.engine().next_instant();
+            let mut next = session.faults.next().map_or(next, |fault| fault.min(next));
             if let Some(every) = keep_up {
                 if limit.until >= kept_up + every {
                     kept_up = limit.until;
-                    session.rig.settle(kept_up).await?;
-                    session.take_note()?;
+                    session.bring_to(kept_up).await?;
                 }
                 next = next.min(kept_up + every);
             }
@@ -280,33 +281,18 @@ impl Play {
             }
         };
         let now = match ended {
-            Ended::Interrupted if self.pace != Pace::Max => brake.limit().until,
-            Ended::OutOfPatience => session.spoke + self.patience,
-            Ended::Interrupted | Ended::Quiet => Instant::START,
+            Ended::Interrupted if self.pace == Pace::Max => Instant::START,
+            Ended::Interrupted => brake.limit().until,
+            Ended::Over | Ended::OutOfPatience => session.deadline(self.patience),
         };
-        let end = session.settle(ended, now).await?;
+        let end = session.settle(now).await?;
         progress(session.progress());
-        session.finish(self.program.frames.len(), ended, end)
+        session.finish(ended, end)
     }
-}
-
-fn break_it(rig: &mut Rig, breakage: &Breakage) -> Result<(), RigError> {
-    let unknown = |name: &str| RigError::Unknown { name: name.to_owned() };
-    match breakage {
-        Breakage::Cut { line, at } => {
-            let id = rig.lines().iter().position(|name| name == line).ok_or_else(|| unknown(line))?;
-            _ = rig.disturb(id, *at, &Disturbance::Cut);
-        }
-        Breakage::Stimulus { board, at, stimulus } => {
-            let id = rig.nodes().iter().position(|node| node.name == *board).ok_or_else(|| unknown(board))?;
-            rig.stimulate(id, *at, stimulus.clone());
-        }
-    }
-    Ok(())
 }
 
 impl Session {
-    fn new(rig: Rig, waveforms: bool, path: Option<ToolPath>, recorder: Option<Recorder>) -> Self {
+    fn new(rig: Rig, onlooker: Onlooker, waveforms: bool, path: Option<ToolPath>, recorder: Option<Recorder>) -> Self {
         Self {
             digest: Digest::new(&rig),
             telemetry: Telemetry::new(&rig),
@@ -320,7 +306,12 @@ impl Session {
             facts: Vec::new(),
             bytes_sent: 0,
             now: Instant::START,
-            spoke: Instant::START,
+            accepted: Instant::START,
+            over: None,
+            frames: 0,
+            faults: Faults::default(),
+            onlooker,
+            acted: false,
             incidents: Vec::new(),
         }
     }
@@ -353,17 +344,20 @@ impl Session {
             if let Fact::Event { node, at, event, value } = fact {
                 self.now = self.now.max(*at);
                 if *node == self.rig.pc() {
-                    self.spoke = self.spoke.max(*at);
-                    self.listen(PcEvent::from_numbers(*event, *value));
+                    self.listen(*at, PcEvent::from_numbers(*event, *value));
                 }
             }
         }
+        let Looked { seen, begun } = self.onlooker.look(&mut self.rig, &mut self.faults, &facts);
+        self.acted |= seen;
+        begun.iter().for_each(|(name, since)| log::begun(name, *since));
         self.facts = facts;
         self.now = self.now.max(self.rig.engine().frontier());
         Ok(())
     }
 
-    fn listen(&mut self, event: Option<PcEvent>) {
+    fn listen(&mut self, at: Instant, event: Option<PcEvent>) {
+        let accepted = self.conversation.accepted;
         match event {
             Some(PcEvent::Sent(_)) => {
                 self.bytes_sent += 1;
@@ -376,6 +370,25 @@ impl Session {
             }
             Some(PcEvent::Garbled(_)) | None => {}
         }
+        if self.conversation.accepted > accepted {
+            self.accepted = at;
+        }
+        let over = self.conversation.sent == self.frames && self.conversation.is_over();
+        self.over = over.then(|| self.over.unwrap_or(at));
+    }
+
+    /// How far to go at once, so that a play with faults does not go past its end.
+    fn stride(&self) -> Option<Instant> {
+        let engine = self.rig.engine();
+        (!engine.is_undisturbed()).then(|| engine.frontier() + AFTER)
+    }
+
+    /// When the play ends, unless the rig is quiet before.
+    fn deadline(&self, patience: Span) -> Instant {
+        match self.over {
+            Some(over) if !self.rig.engine().is_undisturbed() => over + AFTER,
+            _ => self.accepted + patience,
+        }
     }
 
     fn progress(&self) -> Progress<'_> {
@@ -384,22 +397,33 @@ impl Session {
 
     /// Lets happen what is left, up to `now` unless the rig is quiet. Gives the last instant of the play: the one since
     /// which the rig is quiet, if it is.
-    async fn settle(&mut self, ended: Ended, now: Instant) -> Result<Instant, SessionError> {
-        let end = if ended == Ended::Quiet {
+    async fn settle(&mut self, now: Instant) -> Result<Instant, SessionError> {
+        let end = if self.rig.engine().is_quiet() {
             let end = self.rig.engine().quiet_since();
             self.rig.catch_up(end.next()).await?;
             end
         } else {
             let until = self.rig.engine().frontier().max(now);
-            self.rig.settle(until).await?;
+            self.bring_to(until).await?;
             until - Span::from_nanos(1)
         };
         self.take_note()?;
         Ok(end)
     }
 
-    fn finish(mut self, frames: usize, ended: Ended, end: Instant) -> Result<Played, SessionError> {
-        let outcome = self.conversation.outcome(frames);
+    /// Brings every board to `until`: everything before that has happened, and has been noted.
+    async fn bring_to(&mut self, until: Instant) -> Result<(), SessionError> {
+        loop {
+            self.rig.settle(until).await?;
+            self.take_note()?;
+            if !core::mem::take(&mut self.acted) {
+                return Ok(());
+            }
+        }
+    }
+
+    fn finish(mut self, ended: Ended, end: Instant) -> Result<Played, SessionError> {
+        let outcome = self.conversation.outcome(self.frames);
         let digest = self.digest.sum();
         let last = End { digest: digest.to_string(), at: end, outcome: outcome.name().to_owned() };
         if let Some(recorder) = &mut self.recorder {
@@ -426,6 +450,7 @@ impl Session {
             waveforms: self.waveforms,
             path: self.path,
             trace: self.trace,
+            unfired: self.faults.unfired(&mut self.rig),
             conversation: self.conversation,
         })
     }

@@ -5,9 +5,11 @@
 
 use std::collections::BTreeMap;
 
-use torno::play::{Breakage, DEMONSTRATION, Play, Played};
+use torno::fault::{self, Planned};
+use torno::play::{DEMONSTRATION, Play, Played};
 use torno::rig::Driver;
 use torno::rig::file::RigFile;
+use torno::rig::names::Names;
 use torno_protocol::lathe::Program;
 use torno_protocol::time::{Instant, Span};
 
@@ -44,11 +46,17 @@ pub fn demonstration() -> Program {
     Program::parse(DEMONSTRATION.1).unwrap()
 }
 
-/// Plays frames in processes, with all waveforms.
-pub fn play(frames: &[[u8; 8]], breakages: Vec<Breakage>) -> Played {
+/// The faults of a file.
+pub fn planned(file: &RigFile, text: &str) -> Vec<Planned> {
+    fault::parse("faults.toml", text, &Names::of(file), None).unwrap().faults
+}
+
+/// Plays frames in processes while this breaks, with all waveforms.
+pub fn play(frames: &[[u8; 8]], faults: &str) -> Played {
     let file = RigFile::load("lathe").unwrap();
+    let faults = planned(&file, faults);
     let program = Program { frames: frames.to_vec() };
-    let play = Play { breakages, waveforms: true, ..Play::new(file, program, processes()) };
+    let play = Play { faults, waveforms: true, ..Play::new(file, program, processes()) };
     block_on(play.run(|_| ())).unwrap()
 }
 

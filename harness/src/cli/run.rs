@@ -7,12 +7,13 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use anyhow::Context;
-use torno::fault::parse_span;
+use torno::fault::{self, FaultFile, parse_span};
 use torno::observe::{ToolPath, log};
 use torno::pace::Pace;
 use torno::play::{Ended, Play, Played, Progress};
 use torno::report::page::Page;
-use torno::report::{Bar, BoardSummary, Cut, Frames, Stats, Summary, failures};
+use torno::report::{Bar, BoardSummary, Cut, Frames, Stats, Summary, failures, seed_text};
+use torno::rig::names::Names;
 use torno::trace::Header;
 use torno_protocol::lathe::Outcome;
 
@@ -29,9 +30,12 @@ pub(super) struct Arguments {
     /// Virtual seconds per second, or 'max'
     #[arg(long, default_value = "max", value_name = "N|max")]
     pace: Pace,
-    /// Where everything random comes from; a rig without faults has nothing random
-    #[arg(long, default_value_t = 0)]
-    seed: u64,
+    /// Where everything random comes from, that is faults [default: what their file says]
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Breaks what this file says: [[fault]] tables as in a scenario
+    #[arg(long, value_name = "FILE")]
+    faults: Option<PathBuf>,
     /// Runs the boards in this process instead of one each
     #[arg(long)]
     in_process: bool,
@@ -53,7 +57,7 @@ pub(super) struct Arguments {
     /// Records everything that happens, for 'torno trace', 'torno replay' and 'torno diff'; overwrites a trace
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
-    /// Gives up when the PC has neither sent nor heard anything for so long, in virtual time
+    /// Gives up when no frame has been accepted for so long, in virtual time
     #[arg(long, default_value = "3600 s", value_name = "TIME")]
     patience: String,
     /// Prints the summary as one line of JSON
@@ -73,12 +77,20 @@ impl Arguments {
             "--part: the rig '{}' turns no part: expected a [part] in its file",
             file.name
         );
+        let names = Names::of(&file);
+        let FaultFile { seed, drawn, faults } = match &self.faults {
+            Some(path) => fault::load(path, &names, self.seed)?,
+            None => FaultFile { seed: self.seed.unwrap_or_default(), ..FaultFile::default() },
+        };
+        if !drawn.is_empty() {
+            eprintln!("seed {}", seed_text(seed, &drawn));
+        }
         // Before anything runs: a file that cannot be written must not cost a run.
         let vcd = self.vcd.as_deref().map(create).transpose()?;
         let drawing = self.part.as_deref().map(create).transpose()?;
         let report = self.report.as_deref().map(create).transpose()?;
         let asked = file.part.as_ref().map(|part| (part.clone(), part.asked(&program)));
-        let header = Header::new(&file, &rig, self.seed, Some(&program_name));
+        let header = Header::new(&file, &rig, seed, Some(&program_name));
         let keep = report.is_some().then(|| header.clone());
         let recorder = self.record.as_deref().map(|path| start_recording(path, &header)).transpose()?;
         let frames = program.frames.len();
@@ -86,15 +98,18 @@ impl Arguments {
         let rig = file.name.clone();
         let waveforms = vcd.is_some();
         let driver = driver(self.in_process)?;
-        let (pace, measure, breakages) = (self.pace, self.stats, Vec::new());
+        let (pace, measure) = (self.pace, self.stats);
         let patience = parse_span(&self.patience).map_err(|message| anyhow::anyhow!("--patience: {message}"))?;
-        let play = Play { pace, breakages, waveforms, measure, keep, patience, ..Play::new(file, program, driver) };
+        let play = Play { pace, faults, waveforms, measure, keep, patience, ..Play::new(file, program, driver) };
 
         let mut interrupt = Interrupt::listen()?;
         let bar = Bar::new(frames, started);
         let progress = |progress: Progress<'_>| bar.update(progress.conversation.accepted, Some(progress.now));
         let mut played = play.record(recorder, progress, interrupt.received()).await?;
         bar.clear();
+        for name in &played.unfired {
+            tracing::warn!("the fault '{name}' has not fired");
+        }
         if let (Some((path, file)), Some(waveforms)) = (vcd, &played.waveforms) {
             waveforms.write(file, played.end, tail).with_context(|| format!("cannot write '{}'", path.display()))?;
         }
@@ -107,11 +122,11 @@ impl Arguments {
         }
         let code = match played.ended {
             Ended::Interrupted => ExitCode::from(INTERRUPTED),
-            Ended::Quiet if played.outcome == Outcome::Completed => ExitCode::SUCCESS,
-            Ended::Quiet | Ended::OutOfPatience => ExitCode::from(FAILED),
+            Ended::Over if played.outcome == Outcome::Completed => ExitCode::SUCCESS,
+            Ended::Over | Ended::OutOfPatience => ExitCode::from(FAILED),
         };
         let (part, trace) = (cut.as_ref().map(|cut| cut.summary.clone()), played.trace.take());
-        let summary = Summary { part, ..summary(played, rig, program_name, frames, self.seed, started) };
+        let summary = Summary { part, ..summary(played, rig, program_name, frames, seed, started) };
         if let (Some((path, mut file)), Some(trace)) = (report, trace) {
             let html = Page { trace: &trace, summary: Some(&summary), cut: cut.as_ref() }.html()?;
             let written = file.write_all(html.as_bytes()).and_then(|()| file.flush());

@@ -84,7 +84,7 @@ impl Arguments {
         };
         let names = Names::of(&file);
         let FaultFile { seed, drawn, faults } =
-            self.faults.as_deref().map_or(Ok(FaultFile::default()), |path| fault::load(path, &names))?;
+            self.faults.as_deref().map_or(Ok(FaultFile::default()), |path| fault::load(path, &names, None))?;
         if self.faults.is_some() {
             tracing::info!("seed {}", seed_text(seed, &drawn));
         }

@@ -123,23 +123,34 @@ pub struct FaultFile {
     pub faults: Vec<Planned>,
 }
 
-/// Reads a file of faults for a rig with these names.
+/// Reads a file of faults for a rig with these names. `seed` takes the place of what the file says.
 ///
 /// # Errors
 /// [`FaultFileError`]: where, what was expected, what was found.
-pub fn load(path: &Path, names: &Names) -> Result<FaultFile, FaultFileError> {
+pub fn load(path: &Path, names: &Names, seed: Option<u64>) -> Result<FaultFile, FaultFileError> {
     let name = path.display().to_string();
-    let text = text::read(path).map_err(|source| FaultFileError::Unreadable { path: name.clone(), source })?;
-    let invalid = |(span, message): Complaint| Invalid::at(&name, &text, span, message);
-    let raw: RawFile = toml::from_str(&text).map_err(|error| invalid(text::of_toml(&error)))?;
-    let mut dice = Dice::new(raw.seed);
+    match text::read(path) {
+        Ok(text) => Ok(parse(&name, &text, names, seed)?),
+        Err(source) => Err(FaultFileError::Unreadable { path: name, source }),
+    }
+}
+
+/// Reads the text of such a file. `path` is for the messages.
+///
+/// # Errors
+/// Where, what was expected, what was found.
+pub fn parse(path: &str, text: &str, names: &Names, seed: Option<u64>) -> Result<FaultFile, Invalid> {
+    let invalid = |(span, message): Complaint| Invalid::at(path, text, span, message);
+    let raw: RawFile = toml::from_str(text).map_err(|error| invalid(text::of_toml(&error)))?;
+    let seed = seed.unwrap_or(raw.seed);
+    let mut dice = Dice::new(seed);
     let mut all: Vec<Planned> = Vec::new();
     for raw in &raw.fault {
         let planned = raw.plan(names, &mut dice).map_err(invalid)?;
         raw.bear_its_own_name(&planned.fault, all.iter().map(|planned| &planned.fault)).map_err(invalid)?;
         all.push(planned);
     }
-    Ok(FaultFile { seed: raw.seed, drawn: dice.into_drawn(), faults: all })
+    Ok(FaultFile { seed, drawn: dice.into_drawn(), faults: all })
 }
 
 impl RawFault {

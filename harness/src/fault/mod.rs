@@ -6,12 +6,14 @@
 mod dice;
 mod faults;
 mod file;
+mod onlooker;
 mod quantity;
 
 pub use dice::Dice;
 pub use faults::{Faults, HealError, Planned, Trigger};
-pub use file::{BOARD_KINDS, FaultFile, FaultFileError, LINE_KINDS, RawFault, load};
+pub use file::{BOARD_KINDS, FaultFile, FaultFileError, LINE_KINDS, RawFault, load, parse};
 pub(crate) use file::{span, text_drawn};
+pub use onlooker::{Looked, Onlooker};
 pub use quantity::{Range, Ratio, parse_length, parse_ratio, parse_span};
 
 use torno_protocol::board::{Heeds, Stimulus};

@@ -10,15 +10,15 @@ use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::BITS_PER_CHARACTER;
 
 use crate::engine::{Fact, Limit};
-use crate::fault::Faults;
+use crate::fault::{Faults, Looked, Onlooker};
 use crate::observe::{Digest, log};
 use crate::pace::{Brake, Lapse, Pace};
-use crate::pc::{PcEvent, PcUart, Replies, STOPPED};
+use crate::pc::{PcEvent, PcUart, STOPPED};
 use crate::port::{LineSettings, PcPort, PortEvent};
 use crate::rig::file::RigFile;
 use crate::rig::{Driver, Input, Rig, RigError, What};
 use crate::trace::{End, RECORDED, Recorder, RecordingError};
-use steering::{Steering, log_begun, next_call};
+use steering::{Steering, next_call};
 
 /// So many of the client's bytes wait in the driver at the most. Its settings are read with each helping, so a new
 /// speed holds at most this many characters late.
@@ -36,8 +36,6 @@ const WATCHED: Duration = Duration::from_millis(20);
 const AT_ONCE: Duration = Duration::from_millis(20);
 /// A rig in which something happens goes so far at once, in virtual time.
 const STRIDE: Span = Span::from_secs(1);
-/// So many replies are remembered for the faults that wait for one.
-const REPLIES: usize = 16;
 
 /// A rig with an open PC port.
 pub struct Live {
@@ -59,8 +57,7 @@ pub struct Live {
     supply: Vec<Instant>,
     recording: Option<Recording>,
     faults: Faults,
-    /// What the client has heard lately: faults may begin with a reply.
-    replies: Replies,
+    onlooker: Onlooker,
     /// What a watch has seen has been taken: the engine may have waited for that.
     acted: bool,
     steering: Option<Steering>,
@@ -107,7 +104,7 @@ impl Live {
             supply: Vec::new(),
             recording: None,
             faults: Faults::default(),
-            replies: Replies::new(file.dialect),
+            onlooker: Onlooker::new(file.dialect),
             acted: false,
             steering: None,
         })
@@ -171,7 +168,7 @@ impl Live {
             };
             let now = self.now();
             for (name, since) in self.faults.go_on(&mut self.rig, now) {
-                log_begun(&name, since);
+                log::begun(&name, since);
             }
             self.lose_supply();
             self.keep_up().await?;
@@ -361,30 +358,10 @@ impl Live {
         if let Some(steering) = &mut self.steering {
             steering.note(&inputs, &facts);
         }
-        self.begin_faults(&facts);
+        let Looked { seen, begun } = self.onlooker.look(&mut self.rig, &mut self.faults, &facts);
+        self.acted |= seen;
+        begun.iter().for_each(|(name, since)| log::begun(name, *since));
         Ok(facts)
-    }
-
-    /// Begins the faults that have waited for something that has happened.
-    fn begin_faults(&mut self, facts: &[Fact]) {
-        for fact in facts {
-            if let Fact::Event { node, at, event, value } = fact
-                && *node == self.rig.pc()
-            {
-                match PcEvent::from_numbers(*event, *value) {
-                    Some(PcEvent::Sent(byte)) => drop(self.replies.send(*at, byte)),
-                    Some(PcEvent::Received(byte)) => drop(self.replies.hear(*at, byte)),
-                    Some(PcEvent::Garbled(_)) | None => {}
-                }
-            }
-        }
-        for hit in self.rig.take_hits() {
-            self.acted = true;
-            if let Some((name, since)) = self.faults.see(&mut self.rig, hit, &self.replies) {
-                log_begun(&name, since);
-            }
-        }
-        self.replies.keep_last(REPLIES);
     }
 
     /// Hands the client what has come for it.

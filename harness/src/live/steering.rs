@@ -250,14 +250,8 @@ impl Live {
 
     /// Takes faults that begin by themselves, for a rig that does not run yet.
     pub fn plan(&mut self, planned: &[Planned]) {
-        let initial: Vec<Vec<i64>> =
-            (0..self.rig.nodes().len()).map(|node| Telemetry::new(&self.rig).values(node)).collect();
-        for planned in planned {
-            let value = |node: usize, signal: u8| initial[node][usize::from(signal)];
-            if let Some(since) = self.faults.plan(&mut self.rig, planned, Instant::START, value) {
-                log_begun(&planned.fault.name, since);
-            }
-        }
+        let begun = self.onlooker.plan(&mut self.rig, &mut self.faults, planned);
+        begun.iter().for_each(|(name, since)| log::begun(name, *since));
     }
 
     /// The faults that have broken nothing so far.
@@ -279,12 +273,6 @@ impl Live {
         }
         Ok(obeyed)
     }
-}
-
-/// Logs that a fault has begun.
-pub(super) fn log_begun(name: &str, since: Instant) {
-    log::set_time(since);
-    tracing::warn!("fault '{name}' begins");
 }
 
 /// Waits for something to be asked; for ever, if nobody can. Cancel-safe.

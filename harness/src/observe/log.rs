@@ -50,6 +50,12 @@ pub fn behind(due: Instant, by: Duration) {
     tracing::warn!("this computer is {:.1} s behind; going on from here", by.as_secs_f64());
 }
 
+/// Warns that a fault has begun.
+pub fn begun(fault: &str, since: Instant) {
+    set_time(since);
+    tracing::warn!("fault '{fault}' begins");
+}
+
 /// Logs a fact: events of boards, and on the finest level each byte of the PC.
 pub fn log(rig: &Rig, fact: &Fact) {
     let Fact::Event { node, at, event, value } = fact else { return };
