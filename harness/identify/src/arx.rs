@@ -6,7 +6,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::confidence::Noise;
+use crate::confidence::{of_regression, student};
+use crate::noise::Noise;
 use crate::{Data, Estimate, Finding, Fitted, Sensor};
 
 /// Repetitions, each with the instruments of the model before. (Ours; it has converged long before.)
@@ -97,8 +98,9 @@ fn with_spread(data: &Data, regression: &Regression, coefficients: &DVector<f64>
         }
     }
     let residuals = &regression.speeds - &instruments * coefficients;
-    let noise = Noise::of(&jacobian, &residuals, pole, data.quantum());
-    let spread = noise.and_then(|noise| noise.of_regression(&instruments, &regression.regressors));
+    let residuals = DMatrix::from_column_slice(residuals.len(), 1, residuals.as_slice());
+    let noise = Noise::of(data, fitted.tau.value, &padded(&jacobian), &padded(&residuals));
+    let spread = of_regression(data, &noise, pole, &instruments, &regression.regressors);
     let Some(spread) = spread else { return fitted };
     let (gain, tau) = (fitted.gain.value, fitted.tau.value);
     let log = libm::log(pole);
@@ -106,8 +108,15 @@ fn with_spread(data: &Data, regression: &Regression, coefficients: &DVector<f64>
         DVector::from_fn(coefficients.len(), |n, _| if n == 0 { gain / (1.0 - pole) } else { 1.0 / (1.0 - pole) });
     let by_tau =
         DVector::from_fn(coefficients.len(), |n, _| if n == 0 { regression.period / (log * log * pole) } else { 0.0 });
-    let sd =
-        |by: &DVector<f64>| Some(libm::sqrt((by.transpose() * &spread * by)[0].max(0.0))).filter(|sd| sd.is_finite());
-    let estimate = |value: f64, by: &DVector<f64>| Estimate { value, sd: sd(by) };
+    let times = student(noise.freedom);
+    let half = |by: &DVector<f64>| {
+        Some(times * libm::sqrt((by.transpose() * &spread * by)[0].max(0.0))).filter(|half| half.is_finite())
+    };
+    let estimate = |value: f64, by: &DVector<f64>| Estimate { value, half: half(by) };
     Fitted { gain: estimate(gain, &by_gain), tau: estimate(tau, &by_tau), start: 0.0 }
+}
+
+/// With a row of nothing for the first sample, of which a regression makes none.
+fn padded(columns: &DMatrix<f64>) -> DMatrix<f64> {
+    columns.clone().insert_row(0, 0.0)
 }

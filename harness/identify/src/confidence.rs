@@ -1,74 +1,92 @@
-//! How sure one may be of a fit: the covariance of its parameters, from what it leaves unexplained.
-//!
-//! What a fit leaves unexplained is neither white nor independent: a count that was rounded down is followed by one
-//! that is rounded up, and a shaft that has been pushed takes the motor's own time constant to come back. So it is
-//! taken for the sum of two noises: a slow one, white torque through the motor's pole, and a fast one. (Ours.)
+//! How sure one may be of a fit: the interval of each parameter, from what the fit leaves unexplained. (Ours.)
 
 use nalgebra::{DMatrix, DVector};
 
-/// Blocks over which residuals are averaged, in time constants: long enough for rounding to average out. (Ours.)
-const BLOCK: f64 = 0.1;
-/// No block is longer than so many samples.
-const BLOCK_MAX: f64 = 20.0;
+use crate::noise::{Noise, White};
+use crate::{Data, Sensor};
 
-/// The noise in speeds.
-pub(crate) struct Noise {
-    /// From sample to sample, of a push.
-    pub(crate) pole: f64,
-    /// The variance of the slow noise.
-    pub(crate) slow: f64,
-    /// The variance of the fast one, and its covariance from one sample to the next.
-    pub(crate) fast: [f64; 2],
+/// The share of a normal distribution within so many standard deviations is 95 %.
+const NORMAL: f64 = 1.959_964;
+/// So many places in a slot are tried for the encoder to begin at.
+const PHASES: usize = 16;
+
+/// Half of the interval of each parameter that holds the true one in 95 of 100 cases. `path` is what the model gives
+/// for each sample; `jacobian` and `residuals` are those of the fit to it, whitened with this noise or not at all.
+pub(crate) fn half_widths(
+    data: &Data,
+    noise: &Noise,
+    jacobian: &DMatrix<f64>,
+    residuals: &DVector<f64>,
+    path: &[f64],
+) -> Option<DVector<f64>> {
+    let White { columns: white, .. } = noise.whiten(data, jacobian);
+    let spread = (white.transpose() * &white).try_inverse()?;
+    let left = noise.whiten(data, &DMatrix::from_column_slice(residuals.len(), 1, residuals.as_slice())).columns;
+    let unexplained = left.norm_squared() - (white.transpose() * &left).dot(&(&spread * white.transpose() * &left));
+    // Never less than the noise that there must be.
+    let scale = (unexplained / (white.nrows() - white.ncols()) as f64).max(1.0);
+    let times = student(noise.freedom);
+    let mut squares = spread.diagonal() * (scale * times * times);
+    if let Some(errors) = rounding(data, path) {
+        // What is rounded is not random: while the shaft stands still, all readings are off alike. So it is tried.
+        let off = &spread * white.transpose() * noise.whiten(data, &errors).columns;
+        for (row, square) in squares.iter_mut().enumerate() {
+            *square = square.max(NORMAL * NORMAL * off.row(row).norm_squared() / PHASES as f64);
+        }
+    }
+    let halves = squares.map(|square| libm::sqrt(square.max(0.0)));
+    halves.iter().all(|half| half.is_finite()).then_some(halves)
 }
 
-impl Noise {
-    /// Of the residuals of a fit with these derivatives. `quantum` is what a count is, 0 if the sensor does not count.
-    ///
-    /// The slow noise is seen in what each block's mean adds to the one before; what the fit has taken out of the
-    /// residuals, and what rounding adds, is allowed for.
-    pub(crate) fn of(jacobian: &DMatrix<f64>, residuals: &DVector<f64>, pole: f64, quantum: f64) -> Option<Self> {
-        let spread = (jacobian.transpose() * jacobian).try_inverse()?;
-        let n = residuals.len();
-        let block = (BLOCK / -libm::log(pole)).ceil().clamp(1.0, BLOCK_MAX.min(n as f64 / 8.0).max(1.0)) as usize;
-        let kept = libm::pow(pole, block as f64);
-        let news = |columns: &DMatrix<f64>| news(columns, block, kept);
-        let seen = news(&DMatrix::from_column_slice(n, 1, residuals.as_slice()));
-        let decayed = decaying(jacobian, pole);
-        let (of_fit, of_decayed) = (news(jacobian), news(&decayed));
-        let inner = of_fit.transpose() * &of_fit;
-        let per_unit = block_news(block, pole) * seen.nrows() as f64
-            - 2.0 * (&spread * of_decayed.transpose() * &of_fit).trace()
-            + (&spread * inner * &spread * jacobian.transpose() * &decayed).trace();
-        let lagged = |lag: usize| residuals.iter().zip(residuals.iter().skip(lag)).map(|(a, b)| a * b).sum::<f64>();
-        let (size, length) = (n as f64, block as f64);
-        let counted = quantum > 0.0;
-        let rounding = if counted {
-            (1.0 + (1.0 + kept) * (1.0 + kept) + kept * kept) * quantum * quantum / 12.0 / (length * length)
-        } else {
-            (1.0 + kept * kept) * ((lagged(0) - lagged(1)) / size).max(0.0) / length
-        };
-        let slow = ((seen.norm_squared() - rounding * seen.nrows() as f64) / per_unit).max(0.0);
-        let fast = (lagged(0) / size - slow).max(0.0);
-        Some(Self { pole, slow, fast: [fast, if counted { -0.5 * fast } else { 0.0 }] })
+/// What an encoder's rounding makes of speeds, for each place in a slot that it may begin at: the errors of speed.
+fn rounding(data: &Data, path: &[f64]) -> Option<DMatrix<f64>> {
+    let slot = data.quantum() * data.period();
+    if data.sensor() != Sensor::Mean || slot <= 0.0 {
+        return None;
     }
+    let mut errors = DMatrix::zeros(path.len(), PHASES);
+    for phase in 0..PHASES {
+        let begin = (phase as f64 + 0.5) / PHASES as f64;
+        let (mut position, mut before) = (begin, -begin);
+        for (row, (speed, length)) in path.iter().zip(data.intervals()).enumerate() {
+            position += speed * length / slot;
+            let error = libm::floor(position) - position;
+            errors[(row, phase)] = (error - before) * slot / length;
+            before = error;
+        }
+    }
+    Some(errors)
+}
 
-    /// The covariance of the parameters of a least-squares fit in this noise.
-    pub(crate) fn of_least_squares(&self, jacobian: &DMatrix<f64>) -> Option<DMatrix<f64>> {
-        let spread = (jacobian.transpose() * jacobian).try_inverse()?;
-        let slow = jacobian.transpose() * decaying(jacobian, self.pole) * self.slow;
-        Some(&spread * (slow + banded(jacobian, &self.fast)) * &spread)
-    }
+/// In the place of 1.96 where the standard deviation itself is known from so many numbers only (Student's t).
+pub(crate) fn student(freedom: f64) -> f64 {
+    let z = NORMAL;
+    let (z2, n) = (z * z, freedom.max(3.0));
+    let first = (z2 + 1.0) / 4.0;
+    let second = (5.0 * z2 * z2 + 16.0 * z2 + 3.0) / 96.0;
+    let third = (3.0 * z2 * z2 * z2 + 19.0 * z2 * z2 + 17.0 * z2 - 15.0) / 384.0;
+    z * (1.0 + first / n + second / (n * n) + third / (n * n * n))
+}
 
-    /// The covariance of the coefficients of a regression, v(k) = pole·v(k−1) + …, by instruments: there a push is
-    /// news only once, and the fast noise comes twice.
-    pub(crate) fn of_regression(&self, instruments: &DMatrix<f64>, regressors: &DMatrix<f64>) -> Option<DMatrix<f64>> {
-        let inverse = (instruments.transpose() * regressors).try_inverse()?;
-        let (pole, [fast, next]) = (self.pole, self.fast);
-        let both = 1.0 + pole * pole;
-        let push = self.slow * (1.0 - pole * pole);
-        let bands = [push + both * fast - 2.0 * pole * next, both * next - pole * fast, -pole * next];
-        Some(&inverse * banded(instruments, &bands) * inverse.transpose())
-    }
+/// The covariance of the coefficients of a regression, v(k) = pole·v(k−1) + …, by instruments: there a push is news
+/// only once, and a rounded reading comes three times.
+pub(crate) fn of_regression(
+    data: &Data,
+    noise: &Noise,
+    pole: f64,
+    instruments: &DMatrix<f64>,
+    regressors: &DMatrix<f64>,
+) -> Option<DMatrix<f64>> {
+    let inverse = (instruments.transpose() * regressors).try_inverse()?;
+    let both = 1.0 + pole * pole;
+    let push = noise.slow * (1.0 - pole * pole);
+    // Of a mean speed, the difference of two readings: its variance, and its covariance with the next.
+    let [fast, next] = match data.sensor() {
+        Sensor::Mean => [2.0, -1.0].map(|times| times * noise.reading / (data.period() * data.period())),
+        Sensor::Instant => [noise.reading, 0.0],
+    };
+    let bands = [push + both * fast - 2.0 * pole * next, both * next - pole * fast, -pole * next];
+    Some(&inverse * banded(instruments, &bands) * inverse.transpose())
 }
 
 /// JᵀΩJ, with a covariance Ω that depends on the distance only and is 0 from some on.
@@ -82,36 +100,16 @@ fn banded(columns: &DMatrix<f64>, covariances: &[f64]) -> DMatrix<f64> {
     sum
 }
 
-/// What the mean of each block adds to what was left of the one before.
-fn news(columns: &DMatrix<f64>, block: usize, kept: f64) -> DMatrix<f64> {
-    let mean = |n: usize, column: usize| columns.view((n * block, column), (block, 1)).mean();
-    let blocks = columns.nrows() / block;
-    DMatrix::from_fn(blocks.max(2) - 1, columns.ncols(), |n, column| mean(n + 1, column) - kept * mean(n, column))
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-/// The variance of that for a slow noise of variance 1.
-fn block_news(block: usize, pole: f64) -> f64 {
-    let kept = libm::pow(pole, block as f64);
-    let pairs = || (0..block).flat_map(|i| (0..block).map(move |j| (i, j)));
-    let power = |lag: usize| libm::pow(pole, lag as f64);
-    let within: f64 = pairs().map(|(i, j)| power(i.abs_diff(j))).sum();
-    let across: f64 = pairs().map(|(i, j)| power(block + j - i)).sum();
-    ((1.0 + kept * kept) * within - 2.0 * kept * across) / (block * block) as f64
-}
-
-/// The matrix of `pole`^|i−j| times `columns`.
-fn decaying(columns: &DMatrix<f64>, pole: f64) -> DMatrix<f64> {
-    let (n, p) = columns.shape();
-    let mut product = columns.clone();
-    for column in 0..p {
-        let (mut before, mut after) = (0.0, 0.0);
-        for row in 1..n {
-            before = pole * (before + columns[(row - 1, column)]);
-            product[(row, column)] += before;
-            let back = n - 1 - row;
-            after = pole * (after + columns[(back + 1, column)]);
-            product[(back, column)] += after;
+    #[test]
+    fn students_t_is_that_of_the_tables() {
+        for (freedom, expected, tolerance) in
+            [(3.0, 3.182, 0.03), (5.0, 2.571, 0.005), (10.0, 2.228, 0.001), (30.0, 2.042, 0.001)]
+        {
+            assert!((student(freedom) - expected).abs() < tolerance, "{freedom}: {}", student(freedom));
         }
     }
-    product
 }

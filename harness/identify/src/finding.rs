@@ -89,12 +89,12 @@ pub enum Finding {
         least: f64,
     },
     /// The response is over before it can be seen, or has hardly begun.
-    #[error("the time constant cannot be told from these data: {tau} s ± {sd} s (1 sigma)")]
+    #[error("the time constant cannot be told from these data: {tau} s ± {half} s (95 %)")]
     Vague {
         /// What comes out.
         tau: f64,
-        /// How little that means.
-        sd: f64,
+        /// How little that means: half of the interval.
+        half: f64,
     },
     /// The data end too early.
     #[error("the data are too short: they end after {passed} time constants of {tau} s: expected at least {least}")]

@@ -16,6 +16,7 @@ pub mod discrete;
 mod finding;
 mod model;
 pub mod nls;
+mod noise;
 mod polynomial;
 pub mod prbs;
 pub mod response;

@@ -1,28 +1,28 @@
 //! Transfer functions in s, and how sure one is of them.
 
-/// A number and its standard deviation, as far as it is known.
+/// A number, and how far from it the true one may be.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     /// The number.
     pub value: f64,
-    /// Its standard deviation. None if the method gives none.
-    pub sd: Option<f64>,
+    /// Half of the interval that holds the true number in 95 of 100 cases. None if the method gives none.
+    pub half: Option<f64>,
 }
 
 impl Estimate {
     /// A number of which nobody says how sure it is.
     pub const fn bare(value: f64) -> Self {
-        Self { value, sd: None }
+        Self { value, half: None }
     }
 
-    /// The interval that holds the true number in 95 of 100 cases, if the noise is normal.
+    /// The interval that holds the true number in 95 of 100 cases.
     pub fn interval(&self) -> Option<[f64; 2]> {
-        self.sd.map(|sd| [self.value - 1.96 * sd, self.value + 1.96 * sd])
+        self.half.map(|half| [self.value - half, self.value + half])
     }
 
     /// Half of it, in % of the number.
     pub fn percent(&self) -> Option<f64> {
-        self.sd.map(|sd| 100.0 * (1.96 * sd / self.value).abs())
+        self.half.map(|half| 100.0 * (half / self.value).abs())
     }
 }
 

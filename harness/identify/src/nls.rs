@@ -7,15 +7,19 @@ use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::storage::Owned;
 use nalgebra::{DMatrix, DVector, Dyn};
 
-use crate::confidence::Noise;
+use crate::confidence::half_widths;
+use crate::noise::Noise;
 use crate::{Data, Estimate, Finding, Fitted, Sensor};
 
 /// Time constants tried to begin with.
 const STARTS: usize = 24;
 /// A fit that explains less is none, in %. (Ours.)
 const LEAST_FIT: f64 = 30.0;
-/// A time constant whose standard deviation is more than this share of it is none. (Ours.)
-const VAGUE: f64 = 0.25;
+/// A time constant is none whose interval is wider than this share of it, to either side. (Ours.)
+const VAGUE: f64 = 0.5;
+/// What is left tells what the noise is, and the noise how much each sample weighs: so often in turn. (Ours; the second
+/// round changes hardly anything.)
+const ROUNDS: usize = 2;
 /// Data of fewer time constants are no ground for a gain. (Ours.)
 const LEAST_PASSED: f64 = 1.0;
 
@@ -73,23 +77,38 @@ pub fn first_order(data: &Data) -> Result<Fitted, Finding> {
         jacobian.column_mut(1).scale_mut(tau);
         (model - &measured, jacobian)
     };
-    let (p, residuals, mut jacobian) = least_squares(DVector::from_vec(start), &evaluate)?;
-    let tau = libm::exp(p[1]);
-    jacobian.column_mut(1).unscale_mut(tau);
-    let pole = libm::exp(-data.period() / tau);
-    let noise = Noise::of(&jacobian, &residuals, pole, data.quantum());
-    let spread = noise.and_then(|noise| noise.of_least_squares(&jacobian));
-    let estimate = |value: f64, place: usize| Estimate {
-        value,
-        sd: spread.as_ref().map(|spread| libm::sqrt(spread[(place, place)].max(0.0))).filter(|sd| sd.is_finite()),
+    let (mut p, mut residuals, mut jacobian) = least_squares(DVector::from_vec(start), &evaluate)?;
+    let noise_at = |tau: f64, residuals: &DVector<f64>, jacobian: &DMatrix<f64>| {
+        Noise::of(data, tau, jacobian, &DMatrix::from_column_slice(residuals.len(), 1, residuals.as_slice()))
     };
+    for _ in 0..ROUNDS {
+        let noise = noise_at(libm::exp(p[1]), &residuals, &jacobian);
+        let weighed = |p: &DVector<f64>| {
+            let (residuals, jacobian) = evaluate(p);
+            let last = jacobian.ncols();
+            let mut columns = jacobian.insert_column(last, 0.0);
+            columns.set_column(last, &residuals);
+            let mut white = noise.whiten(data, &columns).columns;
+            let residuals = white.column(last).into_owned();
+            white = white.remove_column(last);
+            (residuals, white)
+        };
+        (p, _, _) = least_squares(p, &weighed)?;
+        (residuals, jacobian) = evaluate(&p);
+    }
+    let tau = libm::exp(p[1]);
+    let noise = noise_at(tau, &residuals, &jacobian);
+    jacobian.column_mut(1).unscale_mut(tau);
+    let path: Vec<f64> = (&measured + &residuals).iter().copied().collect();
+    let halves = half_widths(data, &noise, &jacobian, &residuals, &path);
+    let estimate = |value: f64, place: usize| Estimate { value, half: halves.as_ref().map(|halves| halves[place]) };
     let fitted = Fitted { gain: estimate(p[0], 0), tau: estimate(tau, 1), start: p.get(2).copied().unwrap_or(0.0) };
     check(data, fitted)
 }
 
 /// Whether a fit means anything.
 fn check(data: &Data, fitted: Fitted) -> Result<Fitted, Finding> {
-    let Estimate { value: tau, sd } = fitted.tau;
+    let Estimate { value: tau, half } = fitted.tau;
     data.check_fine(tau)?;
     // What one count hides is not the model's fault.
     let fit = fit_percent(data, &fitted);
@@ -100,9 +119,9 @@ fn check(data: &Data, fitted: Fitted) -> Result<Fitted, Finding> {
     if passed < LEAST_PASSED {
         return Err(Finding::TooEarly { passed: round2(passed), tau: round2(tau), least: LEAST_PASSED });
     }
-    let sd = sd.ok_or(Finding::NoConvergence)?;
-    if sd > VAGUE * tau {
-        return Err(Finding::Vague { tau: round3(tau), sd: round3(sd) });
+    let half = half.ok_or(Finding::NoConvergence)?;
+    if half > VAGUE * tau {
+        return Err(Finding::Vague { tau: round3(tau), half: round3(half) });
     }
     Ok(fitted)
 }

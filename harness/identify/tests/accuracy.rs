@@ -49,11 +49,10 @@ impl Study {
         assert!(found.0 <= gain && found.1 <= tau, "{found:?}");
     }
 
-    /// 95 % intervals hold the truth in about 95 of 100 cases. Three time constants say little of a noise that lasts
-    /// for one, so that a few fewer are allowed.
+    /// 95 % intervals hold the truth in about 95 of 100 cases: chance alone leaves 91 and more, mostly.
     fn knows_itself(&self) {
         let held = self.held.unwrap();
-        assert!(held.iter().all(|held| *held > 85), "{held:?}");
+        assert!(held.iter().all(|held| *held >= 91), "{held:?}");
     }
 }
 
