@@ -201,7 +201,7 @@ impl Data {
 }
 
 /// For people: four digits.
-fn rounded(number: f64) -> f64 {
+pub(crate) fn rounded(number: f64) -> f64 {
     if number == 0.0 {
         return 0.0;
     }

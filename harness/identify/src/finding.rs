@@ -114,6 +114,39 @@ pub enum Finding {
         /// What it was taken for.
         expected: &'static str,
     },
+    /// No friction can be told from the data.
+    #[error("no friction can be seen: without it, the motor explains the data as well")]
+    NoFriction,
+    /// The motor answers late.
+    #[error(
+        "the response is about {late} s late, or goes through a second lag: a single lag is not this motor, and its numbers \
+         are biased"
+    )]
+    Late {
+        /// By how much, in s.
+        late: f64,
+    },
+    /// The motor has friction, and the model none.
+    #[error("friction shows: without it in the model, gain and time constant are biased")]
+    Friction,
+    /// The encoder counts against the drive.
+    #[error(
+        "the gain is {gain:.4}, below 0: the encoder counts backwards for a drive that is positive; swap its channels, or \
+         the motor's leads, or turn one of the signs about"
+    )]
+    Backwards {
+        /// The gain.
+        gain: f64,
+    },
+    /// What is left has a pattern.
+    #[error(
+        "what the model leaves unexplained is no noise, but has a pattern ({left} of speed, root mean square): this motor \
+         is no single lag (does it oscillate, or run into a limit, or has it something loose?)"
+    )]
+    Pattern {
+        /// How much of it there is, in units of speed.
+        left: f64,
+    },
     /// A regression gives a pole that no lag has.
     #[error("the regression gives a pole of {pole:.4}: no lag has that")]
     NoLag {

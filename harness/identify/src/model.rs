@@ -67,12 +67,14 @@ pub struct Fitted {
     pub tau: Estimate,
     /// The speed at the start, in units of speed: 0 if the motor was at rest.
     pub start: f64,
+    /// Coulomb friction, in units of input; None if it was not looked for.
+    pub friction: Option<Estimate>,
 }
 
 impl Fitted {
     /// Without anything said on how sure it is.
     pub const fn bare(gain: f64, tau: f64) -> Self {
-        Self { gain: Estimate::bare(gain), tau: Estimate::bare(tau), start: 0.0 }
+        Self { gain: Estimate::bare(gain), tau: Estimate::bare(tau), start: 0.0, friction: None }
     }
 
     /// The transfer function.

@@ -9,7 +9,8 @@ use nalgebra::{DMatrix, DVector, Dyn};
 
 use crate::confidence::half_widths;
 use crate::noise::Noise;
-use crate::{Data, Estimate, Finding, Fitted, Sensor};
+use crate::simulate::{self, jacobian, respond};
+use crate::{Data, Estimate, Finding, Fitted};
 
 /// Time constants tried to begin with.
 const STARTS: usize = 24;
@@ -20,13 +21,16 @@ const VAGUE: f64 = 0.5;
 /// What is left tells what the noise is, and the noise how much each sample weighs: so often in turn. (Ours; the second
 /// round changes hardly anything.)
 const ROUNDS: usize = 2;
+/// Shares of the largest input that friction may be, to begin with.
+const FRICTIONS: [f64; 4] = [0.02, 0.1, 0.3, 0.5];
+/// Friction below this share of the largest input is none. (Ours.)
+const LEAST_FRICTION: f64 = 0.002;
 /// Data of fewer time constants are no ground for a gain. (Ours.)
 const LEAST_PASSED: f64 = 1.0;
 
 /// The speeds that the model gives for `data`, each interval as its sensor would have it.
 pub fn simulate(data: &Data, fitted: &Fitted) -> Vec<f64> {
-    let response = respond(data, fitted.gain.value, fitted.tau.value, fitted.start);
-    response.into_iter().map(|row| row[0]).collect()
+    simulate::speeds(data, fitted)
 }
 
 /// The goodness of fit, in %: 100 is all, 0 no better than the mean (the normalised root mean square error).
@@ -50,6 +54,11 @@ pub fn residual_rms(data: &Data, fitted: &Fitted) -> f64 {
 /// # Errors
 /// [`Finding`] if the fit does not converge, means nothing, or the data are too short for it.
 pub fn first_order(data: &Data) -> Result<Fitted, Finding> {
+    check(data, unchecked(data)?)
+}
+
+/// The same, whatever it means.
+fn unchecked(data: &Data) -> Result<Fitted, Finding> {
     let free_start = !data.starts_at_rest();
     let measured = DVector::from_iterator(data.samples().len(), data.samples().iter().map(|sample| sample.speed));
     // For a given time constant the model is linear in the rest: the best of these is near enough to begin with.
@@ -77,44 +86,94 @@ pub fn first_order(data: &Data) -> Result<Fitted, Finding> {
         jacobian.column_mut(1).scale_mut(tau);
         (model - &measured, jacobian)
     };
-    let (mut p, mut residuals, mut jacobian) = least_squares(DVector::from_vec(start), &evaluate)?;
+    let (p, halves) = weighed(data, DVector::from_vec(start), &evaluate)?;
+    let estimate = |value: f64, place: usize| Estimate { value, half: halves.as_ref().map(|halves| halves[place]) };
+    let start = p.get(2).copied().unwrap_or(0.0);
+    Ok(Fitted { gain: estimate(p[0], 0), tau: estimate(libm::exp(p[1]), 1), start, friction: None })
+}
+
+/// Fits Coulomb friction besides, of data whose input changes: at one level, friction is a smaller gain.
+///
+/// # Errors
+/// [`Finding::NoFriction`] if there is none to be seen; otherwise as [`first_order`].
+pub fn with_friction(data: &Data) -> Result<Fitted, Finding> {
+    if data.step().is_some() {
+        return Err(Finding::NoFriction);
+    }
+    let first = unchecked(data)?;
+    let measured = DVector::from_iterator(data.samples().len(), data.samples().iter().map(|sample| sample.speed));
+    let largest = data.samples().iter().map(|sample| sample.input.abs()).fold(0.0, f64::max);
+    let free_start = !data.starts_at_rest();
+    let of = |p: &DVector<f64>| [p[0], libm::exp(p[1]), largest * p[2], p.get(3).copied().unwrap_or(0.0)];
+    let evaluate = |p: &DVector<f64>| {
+        let at = of(p);
+        let (seen, mut jacobian) = simulate::with_friction(data, at, free_start);
+        jacobian.column_mut(1).scale_mut(at[1]);
+        jacobian.column_mut(2).scale_mut(largest);
+        (DVector::from_vec(seen) - &measured, jacobian)
+    };
+    // Gain and friction trade for each other: the best of some shares to begin with.
+    let begin = |share: f64| {
+        let gain = first.gain.value / (1.0 - share);
+        let mut p = vec![gain, libm::log(first.tau.value), share];
+        p.extend(free_start.then_some(first.start));
+        DVector::from_vec(p)
+    };
+    let tried = FRICTIONS.map(begin).map(|p| {
+        least_squares(p, &evaluate).map_or((f64::MAX, DVector::zeros(0)), |(p, left, _)| (left.norm_squared(), p))
+    });
+    let (_, p) = tried.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)).ok_or(Finding::NoConvergence)?;
+    if p.is_empty() {
+        return Err(Finding::NoConvergence);
+    }
+    let (p, halves) = weighed(data, p, &evaluate)?;
+    let [gain, tau, friction, start] = of(&p);
+    let half = |place: usize, unit: f64| halves.as_ref().map(|halves| unit * halves[place]);
+    let friction = Estimate { value: friction, half: half(2, largest) };
+    let clear =
+        friction.half.is_some_and(|half| friction.value > 2.0 * half) && friction.value > LEAST_FRICTION * largest;
+    if !clear {
+        return Err(Finding::NoFriction);
+    }
+    let (gain, tau) = (Estimate { value: gain, half: half(0, 1.0) }, Estimate { value: tau, half: half(1, 1.0) });
+    check(data, Fitted { gain, tau, start, friction: Some(friction) })
+}
+
+/// Least squares, each sample weighed by what it says that is new: the parameters, of which the second is the logarithm
+/// of the time constant, and half of the interval of each (of that, not of its logarithm).
+fn weighed<F>(data: &Data, start: DVector<f64>, evaluate: &F) -> Result<(DVector<f64>, Option<DVector<f64>>), Finding>
+where
+    F: Fn(&DVector<f64>) -> (DVector<f64>, DMatrix<f64>),
+{
+    let (mut p, mut residuals, mut jacobian) = least_squares(start, evaluate)?;
     let noise_at = |tau: f64, residuals: &DVector<f64>, jacobian: &DMatrix<f64>| {
         Noise::of(data, tau, jacobian, &DMatrix::from_column_slice(residuals.len(), 1, residuals.as_slice()))
     };
     for _ in 0..ROUNDS {
         let noise = noise_at(libm::exp(p[1]), &residuals, &jacobian);
-        let weighed = |p: &DVector<f64>| {
+        let whitened = |p: &DVector<f64>| {
             let (residuals, jacobian) = evaluate(p);
             let last = jacobian.ncols();
             let mut columns = jacobian.insert_column(last, 0.0);
             columns.set_column(last, &residuals);
-            let mut white = noise.whiten(data, &columns).columns;
-            let residuals = white.column(last).into_owned();
-            white = white.remove_column(last);
-            (residuals, white)
+            let white = noise.whiten(data, &columns).columns;
+            (white.column(last).into_owned(), white.remove_column(last))
         };
-        (p, _, _) = least_squares(p, &weighed)?;
+        (p, _, _) = least_squares(p, &whitened)?;
         (residuals, jacobian) = evaluate(&p);
     }
     let tau = libm::exp(p[1]);
     let noise = noise_at(tau, &residuals, &jacobian);
     jacobian.column_mut(1).unscale_mut(tau);
-    let path: Vec<f64> = (&measured + &residuals).iter().copied().collect();
-    let halves = half_widths(data, &noise, &jacobian, &residuals, &path);
-    let estimate = |value: f64, place: usize| Estimate { value, half: halves.as_ref().map(|halves| halves[place]) };
-    let fitted = Fitted { gain: estimate(p[0], 0), tau: estimate(tau, 1), start: p.get(2).copied().unwrap_or(0.0) };
-    check(data, fitted)
+    let path: Vec<f64> = data.samples().iter().zip(&residuals).map(|(sample, left)| sample.speed + left).collect();
+    Ok((p, half_widths(data, &noise, &jacobian, &residuals, &path)))
 }
 
 /// Whether a fit means anything.
 fn check(data: &Data, fitted: Fitted) -> Result<Fitted, Finding> {
     let Estimate { value: tau, half } = fitted.tau;
     data.check_fine(tau)?;
-    // What one count hides is not the model's fault.
-    let fit = fit_percent(data, &fitted);
-    if fit < LEAST_FIT && residual_rms(data, &fitted) > data.quantum() {
-        return Err(Finding::NotThisModel { fit, expected: "lag of the first order" });
-    }
+    check_fit(data, &fitted)?;
     let passed = data.seconds() / tau;
     if passed < LEAST_PASSED {
         return Err(Finding::TooEarly { passed: round2(passed), tau: round2(tau), least: LEAST_PASSED });
@@ -124,6 +183,19 @@ fn check(data: &Data, fitted: Fitted) -> Result<Fitted, Finding> {
         return Err(Finding::Vague { tau: round3(tau), half: round3(half) });
     }
     Ok(fitted)
+}
+
+/// Whether a model explains anything.
+///
+/// # Errors
+/// [`Finding::NotThisModel`] if it does not.
+pub fn check_fit(data: &Data, fitted: &Fitted) -> Result<(), Finding> {
+    // What one count hides is not the model's fault.
+    let fit = fit_percent(data, fitted);
+    if fit < LEAST_FIT && residual_rms(data, fitted) > data.quantum() {
+        return Err(Finding::NotThisModel { fit, expected: "lag of the first order" });
+    }
+    Ok(())
 }
 
 /// The parameters of a fit, and the residuals and their derivatives there.
@@ -175,40 +247,6 @@ where
     fn jacobian(&self) -> Option<DMatrix<f64>> {
         Some(self.jacobian.clone())
     }
-}
-
-/// The model's speed in each interval, and its derivatives by gain, time constant and speed at the start.
-fn respond(data: &Data, gain: f64, tau: f64, start: f64) -> Vec<[f64; 4]> {
-    // The speed and its derivatives at the beginning of the interval.
-    let mut v = [start, 0.0, 0.0, 1.0];
-    let interval = |(sample, length): (&crate::Sample, f64)| {
-        let target = gain * sample.input;
-        let kept = libm::exp(-length / tau);
-        let gone = -libm::expm1(-length / tau);
-        let excess = v[0] - target;
-        let end = [
-            target + excess * kept,
-            sample.input * gone + v[1] * kept,
-            v[2] * kept + excess * kept * length / (tau * tau),
-            v[3] * kept,
-        ];
-        let share = gone * tau / length;
-        let by_tau = gone / length - kept / tau;
-        let mean = [
-            target + excess * share,
-            sample.input * (1.0 - share) + v[1] * share,
-            v[2] * share + excess * by_tau,
-            v[3] * share,
-        ];
-        v = end;
-        if data.sensor() == Sensor::Mean { mean } else { end }
-    };
-    data.samples().iter().zip(data.intervals()).map(interval).collect()
-}
-
-fn jacobian(response: &[[f64; 4]], free_start: bool) -> DMatrix<f64> {
-    let columns = if free_start { 3 } else { 2 };
-    DMatrix::from_fn(response.len(), columns, |row, column| response[row][column + 1])
 }
 
 fn squared(x: f64) -> f64 {

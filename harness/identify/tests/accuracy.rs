@@ -5,7 +5,7 @@
 mod bench;
 
 use bench::{Axis, Bench, SPINDLE, feed};
-use torno_identify::{Data, Finding, FirstOrder, Fitted, SecondOrder, arx, nls, prbs, second_order, step};
+use torno_identify::{Data, Finding, FirstOrder, Fitted, SecondOrder, arx, doubt, nls, prbs, second_order, step};
 
 const SEEDS: u64 = 100;
 
@@ -200,4 +200,30 @@ fn the_papers_method_for_the_feed_axis() {
             assert!((xi(2) + 4.1).abs() < 0.3 && xi(3).abs() < 0.3);
         }
     }
+}
+
+/// A doubt about a good motor costs its intervals: chance alone must hardly ever raise one.
+#[test]
+fn a_motor_that_is_a_lag_is_hardly_ever_doubted() {
+    let mut doubted = 0;
+    for (name, data) in [
+        ("spindle, 20 V for 8 s", steps(20.0, 8.0, 6.6)),
+        ("spindle, 20 V for 20 s", steps(20.0, 20.0, 6.6)),
+        ("spindle, 10..20 V for 60 s", sequences(SPINDLE, 6.6, [10.0, 20.0], 60.0, 20)),
+        ("feed, 40..200 LSB for 40 s", sequences(feed(), 0.72, [40.0, 200.0], 40.0, 10)),
+        ("feed, -240..240 LSB for 60 s", sequences(feed(), 6.6, [-240.0, 240.0], 60.0, 20)),
+        ("spindle, 10..20 V for 60 s, no ripple", sequences(SPINDLE, 0.0, [10.0, 20.0], 60.0, 20)),
+    ] {
+        let doubts = |data: &Data| doubt::of(data, &nls::first_order(data).unwrap());
+        let data = &data[..40];
+        let found: Vec<Finding> = data.iter().flat_map(doubts).collect();
+        println!(
+            "{name}: {} of {} doubted {}",
+            found.len(),
+            data.len(),
+            found.first().map_or(String::new(), |f| f.to_string())
+        );
+        doubted += found.len();
+    }
+    assert!(doubted <= 1, "{doubted} of 240");
 }

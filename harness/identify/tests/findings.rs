@@ -5,7 +5,7 @@
 mod bench;
 
 use bench::{Bench, SPINDLE, feed};
-use torno_identify::{Data, Finding, Sample, Sensor, arx, nls, step};
+use torno_identify::{Data, Finding, Sample, Sensor, arx, doubt, nls, step};
 
 const PERIOD: f64 = 0.030;
 
@@ -94,4 +94,53 @@ fn a_motor_that_turns_already_is_fitted_from_where_it_is() {
     let data = Data::new(Sensor::Mean, start, data.samples()[200..].to_vec(), data.quantum()).unwrap();
     let fitted = nls::first_order(&data).unwrap();
     assert!((fitted.gain.value / 19.0 - 1.0).abs() < 1e-3 && (fitted.tau.value / 2.8 - 1.0).abs() < 5e-3, "{fitted:?}");
+}
+
+#[test]
+fn a_motor_that_is_no_lag_is_doubted() {
+    let doubts = |speed: &dyn Fn(f64) -> f64| {
+        let data = data_of(400, speed).unwrap();
+        doubt::of(&data, &nls::first_order(&data).unwrap())
+    };
+    assert_eq!(doubts(&lag), []);
+    let late = doubts(&|t| lag((t - 0.060).max(0.0)));
+    let [Finding::Late { late }] = late[..] else { panic!("{late:?}") };
+    assert!((late - 0.060).abs() < 0.005, "{late}");
+    // 37 % of overshoot, and then clipped noise.
+    let oscillates = |t: f64| {
+        let (sin, cos) = libm::sincos(7.63 * t);
+        50.0 * (1.0 - libm::exp(-2.4 * t) * (cos + 0.314 * sin))
+    };
+    assert!(matches!(doubts(&oscillates)[..], [Finding::Pattern { .. }]));
+    let mut noise =
+        (0..400).map(|n| f64::from(n * n * 7919 % 101) / 101.0 - 0.5).collect::<Vec<_>>().into_iter().cycle();
+    let mut noisy = |t: f64| lag(t) + 2.0 * noise.next().unwrap();
+    let all: Vec<f64> = (1..=400).map(|n| noisy(PERIOD * f64::from(n))).collect();
+    let at = |t: f64| all[(t / PERIOD).round() as usize - 1];
+    assert_eq!(doubts(&at), []);
+    assert!(matches!(doubts(&|t| at(t).min(330.0))[..], [Finding::Pattern { .. }]));
+}
+
+#[test]
+fn friction_is_told_from_a_smaller_gain_once_the_input_changes() {
+    // By small steps: 60 V levels of a motor with friction worth 4.
+    let inputs: Vec<f64> =
+        torno_identify::prbs::bits(3, 60).into_iter().map(|bit| if bit { 20.0 } else { 8.0 }).collect();
+    let mut v = 0.0;
+    let samples = (0..1_200).map(|n| {
+        let input = inputs[n / 20];
+        for _ in 0..100 {
+            v += PERIOD / 100.0 / 0.8 * (10.0 * (input - 4.0) - v);
+        }
+        Sample { time: PERIOD * (n + 1) as f64, input, speed: v }
+    });
+    let data = Data::new(Sensor::Instant, 0.0, samples.collect(), 0.0).unwrap();
+    assert_eq!(doubt::of(&data, &nls::first_order(&data).unwrap()), [Finding::Friction]);
+    let fitted = nls::with_friction(&data).unwrap();
+    let friction = fitted.friction.unwrap().value;
+    assert!((fitted.gain.value - 10.0).abs() < 0.01 && (friction - 4.0).abs() < 0.01, "{fitted:?}");
+    assert_eq!(doubt::of(&data, &fitted), []);
+    let mut bench = Bench::new(SPINDLE, 0.0, 1);
+    let inputs = [vec![20.0; 200], vec![10.0; 200]].concat();
+    assert_eq!(nls::with_friction(&bench.counted(&inputs)), Err(Finding::NoFriction));
 }

@@ -1,11 +1,12 @@
 //! What the methods make of data, side by side.
 
+use std::cmp::Ordering;
 use std::fmt::{self, Write as _};
 
 use anstyle::{AnsiColor, Style};
 use serde::Serialize;
 use torno_identify::discrete::Discrete;
-use torno_identify::{Data, Estimate, Finding, FirstOrder, Fitted, SecondOrder, arx, nls, second_order, step};
+use torno_identify::{Data, Estimate, Finding, FirstOrder, Fitted, SecondOrder, arx, doubt, nls, second_order, step};
 
 use super::bench::{LOOP_GAIN, LOOP_STEP, Recording};
 use crate::report::plot::Style as Drawn;
@@ -19,6 +20,13 @@ pub struct Units {
     /// `rad/s`
     pub speed: String,
 }
+
+/// Two results contradict each other whose intervals, made so much wider, do not touch. (Ours: one pair in 10 000.)
+const TOO_FAR: f64 = 1.5;
+/// They are the same if they are nearer than that share, whatever the intervals. (Ours.)
+const SAME: f64 = 0.002;
+/// Where there are no intervals, such a share is too much. (Ours.)
+const ALIKE: f64 = 0.05;
 
 /// A way from data to a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, clap::ValueEnum)]
@@ -42,11 +50,13 @@ pub enum Method {
     ArxIv,
     /// Non-linear least squares on what was driven and counted.
     Nls,
+    /// The same, with Coulomb friction in the model.
+    NlsFriction,
 }
 
 impl Method {
     /// All, as they are shown.
-    const ALL: [Self; 9] = [
+    const ALL: [Self; 10] = [
         Self::Eq4,
         Self::Eq4Mean,
         Self::LogLinear,
@@ -56,6 +66,7 @@ impl Method {
         Self::ArxLs,
         Self::ArxIv,
         Self::Nls,
+        Self::NlsFriction,
     ];
 
     const fn words(self) -> &'static str {
@@ -69,6 +80,7 @@ impl Method {
             Self::ArxLs => "ARX, least squares: biased",
             Self::ArxIv => "ARX, instrumental variables",
             Self::Nls => "non-linear least squares",
+            Self::NlsFriction => "non-linear LS, with friction",
         }
     }
 
@@ -82,6 +94,7 @@ impl Method {
         match self {
             Self::Eq4 | Self::Eq4Mean | Self::LogLinear => data.step().is_some() && !closed,
             Self::ArxIv => data.step().is_none() && !closed,
+            Self::NlsFriction => data.step().is_none(),
             Self::ArxLs => !closed,
             _ if self.of_loop() => closed,
             _ => true,
@@ -90,7 +103,7 @@ impl Method {
 
     /// Whether its result is worth to be built on.
     const fn is_recommended(self) -> bool {
-        matches!(self, Self::Nls | Self::ArxIv)
+        matches!(self, Self::Nls | Self::NlsFriction | Self::ArxIv)
     }
 
     fn apply(self, recording: &Recording) -> Result<(Fitted, Option<SecondOrder>), Finding> {
@@ -110,6 +123,7 @@ impl Method {
             Self::ArxLs => arx::least_squares(data),
             Self::ArxIv => arx::instrumental_variables(data),
             Self::Nls => nls::first_order(data),
+            Self::NlsFriction => nls::with_friction(data),
             Self::PeakSettling | Self::PeakOvershoot | Self::ClosedNls => {
                 let closed = closed()?;
                 let FirstOrder { gain, tau } = closed.open_loop();
@@ -145,6 +159,15 @@ pub struct Row {
     pub fit_percent: Option<f64>,
     /// What it leaves, root mean square, in units of speed.
     pub residual_rms: Option<f64>,
+    /// Coulomb friction, in units of input, if the method looks for it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub friction: Option<f64>,
+    /// Where it is in 95 of 100 cases.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub friction_interval: Option<[f64; 2]>,
+    /// What speaks against the model; then there are no intervals, as they are those of another motor.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub doubts: Vec<String>,
     /// Why there is no result.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub finding: Option<String>,
@@ -154,13 +177,22 @@ pub struct Row {
 
 impl Row {
     fn of(method: Method, recording: &Recording) -> Self {
-        let result = method.apply(recording);
-        let (fitted, closed) = match &result {
+        let result = method.apply(recording).and_then(|(fitted, closed)| {
+            nls::check_fit(&recording.data, &fitted)?;
+            Ok((fitted, closed))
+        });
+        let (mut fitted, closed) = match &result {
             Ok((fitted, closed)) => (Some(fitted.clone()), *closed),
             Err(_) => (None, None),
         };
+        let asked = fitted.as_ref().filter(|_| method.is_recommended());
+        let doubts = asked.map_or(Vec::new(), |fitted| doubt::of(&recording.data, fitted));
+        if let Some(fitted) = fitted.as_mut().filter(|_| !doubts.is_empty()) {
+            (fitted.gain.half, fitted.tau.half) = (None, None);
+        }
         let of = |number: fn(&Fitted) -> Estimate| fitted.as_ref().map(number);
         let (gain, tau) = (of(|fitted| fitted.gain), of(|fitted| fitted.tau));
+        let friction = fitted.as_ref().and_then(|fitted| fitted.friction);
         Self {
             method,
             recommended: method.is_recommended() && fitted.is_some(),
@@ -172,16 +204,76 @@ impl Row {
             xi: closed.map(|closed| closed.xi),
             fit_percent: fitted.as_ref().map(|fitted| nls::fit_percent(&recording.data, fitted)),
             residual_rms: fitted.as_ref().map(|fitted| nls::residual_rms(&recording.data, fitted)),
+            friction: friction.map(|friction| friction.value),
+            friction_interval: friction.and_then(|friction| friction.interval()),
+            doubts: doubts.iter().map(Finding::to_string).collect(),
             finding: result.err().map(|finding| finding.to_string()),
             fitted,
         }
     }
 
-    /// The narrower, the better.
-    fn width(&self) -> f64 {
+    /// The less, the better: what nothing speaks against, and then what has the narrower interval, or fits better.
+    fn rank(&self) -> (bool, f64, f64) {
         let tau = self.fitted.as_ref().and_then(|fitted| fitted.tau.percent());
-        tau.filter(|percent| percent.is_finite()).unwrap_or(f64::MAX)
+        let width = tau.filter(|percent| percent.is_finite()).unwrap_or(f64::MAX);
+        (!self.doubts.is_empty(), width, -self.fit_percent.unwrap_or(f64::MIN))
     }
+
+    /// Takes the intervals away: they are those of another motor.
+    fn doubt(&mut self, doubt: String) {
+        (self.gain_interval, self.tau_s_interval) = (None, None);
+        if let Some(fitted) = &mut self.fitted {
+            (fitted.gain.half, fitted.tau.half) = (None, None);
+        }
+        self.doubts.push(doubt);
+    }
+}
+
+/// Where one experiment shows friction, models without it are wrong in all of them.
+fn doubt_what_lacks_friction(runs: &mut [Run]) {
+    let rows = || runs.iter().flat_map(|run| run.methods.iter().map(move |row| (run, row)));
+    let found =
+        rows().find(|(_, row)| row.method == Method::NlsFriction && row.fitted.is_some() && row.doubts.is_empty());
+    let Some((input, friction)) = found.and_then(|(run, row)| Some((run.input.clone(), row.friction?))) else { return };
+    for row in runs.iter_mut().flat_map(|run| &mut run.methods) {
+        if row.recommended && row.friction.is_none() && row.doubts.is_empty() {
+            row.doubt(format!("friction of {} shows in the {input}, and is not in this model", digits(friction)));
+        }
+    }
+}
+
+/// Two results that cannot both be right, in words: the two that are furthest apart.
+fn contradiction<'a>(rows: impl Iterator<Item = (&'a Run, &'a Row)>, units: &Units) -> Option<String> {
+    let mut rows: Vec<(&Run, &Row)> = rows.filter(|(_, row)| row.recommended && row.fitted.is_some()).collect();
+    if rows.iter().any(|(_, row)| row.doubts.is_empty()) {
+        rows.retain(|(_, row)| row.doubts.is_empty());
+    }
+    let pairs = (0..rows.len()).flat_map(|a| (a + 1..rows.len()).map(move |b| (a, b)));
+    let apart = |a: Estimate, b: Estimate| {
+        let difference = (a.value - b.value).abs();
+        let halves = a.half.zip(b.half).map(|(a, b)| TOO_FAR * (a + b));
+        let share = if halves.is_some() { SAME } else { ALIKE };
+        let allowed = halves.unwrap_or(0.0).max(share * a.value.abs().max(b.value.abs()));
+        difference / allowed
+    };
+    let seen = pairs.filter_map(|(a, b)| {
+        let (of_a, of_b) = (rows[a].1.fitted.as_ref()?, rows[b].1.fitted.as_ref()?);
+        let (gain, tau) = (apart(of_a.gain, of_b.gain), apart(of_a.tau, of_b.tau));
+        Some((gain.max(tau), gain > tau, a, b))
+    });
+    let (apart, of_gain, a, b) = seen.max_by(|a, b| a.0.total_cmp(&b.0))?;
+    if apart <= 1.0 {
+        return None;
+    }
+    let told = |n: usize| {
+        let (run, row) = rows[n];
+        let number = if of_gain { row.gain } else { row.tau_s };
+        format!("{} ({}, {})", digits(number.unwrap_or_default()), row.method.words(), run.input)
+    };
+    let (what, unit) =
+        if of_gain { ("gain", format!("{} per {}", units.speed, units.input)) } else { ("tau", "s".to_owned()) };
+    let (a, b) = (told(a), told(b));
+    Some(format!("the results contradict each other: {what} is {a} or {b}, in {unit}: this motor is no single lag"))
 }
 
 /// One run and what came of it.
@@ -233,8 +325,16 @@ pub struct Outcome {
     pub tau_s: f64,
     /// Where it is in 95 of 100 cases.
     pub tau_s_interval: Option<[f64; 2]>,
+    /// Coulomb friction, in units of input, if the motor has any that shows.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub friction: Option<f64>,
+    /// Where it is in 95 of 100 cases.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub friction_interval: Option<[f64; 2]>,
     /// How much of the response the model explains, in %.
     pub fit_percent: f64,
+    /// What speaks against it.
+    pub warnings: Vec<String>,
     #[serde(skip)]
     model: FirstOrder,
 }
@@ -260,10 +360,11 @@ impl Identification {
     ) -> Result<Self, String> {
         let mut runs: Vec<Run> = recordings.into_iter().map(|recording| Run::of(recording, only)).collect();
         runs.retain(|run| !run.methods.is_empty());
+        doubt_what_lacks_friction(&mut runs);
         let rows = || runs.iter().flat_map(|run| run.methods.iter().map(move |row| (run, row)));
         let worthy = rows().filter(|(_, row)| row.fitted.is_some() && (only.is_some() || row.recommended));
-        let best = worthy.min_by(|(_, a), (_, b)| a.width().total_cmp(&b.width()));
-        let Some((run, Row { method, fitted: Some(fitted), fit_percent, .. })) = best else {
+        let best = worthy.min_by(|(_, a), (_, b)| a.rank().partial_cmp(&b.rank()).unwrap_or(Ordering::Equal));
+        let Some((run, best)) = best else {
             let findings = rows().filter_map(|(run, row)| {
                 let finding = row.finding.as_ref().filter(|_| only.is_some() || row.method.is_recommended())?;
                 Some(format!("{}: {}: {finding}", run.input, row.method.words()))
@@ -274,6 +375,16 @@ impl Identification {
                 _ => findings.join("; "),
             });
         };
+        let Row { method, fitted: Some(fitted), fit_percent, doubts, .. } = best else {
+            return Err("no method came to a result".to_owned());
+        };
+        let mut warnings = doubts.clone();
+        let contradiction = contradiction(rows(), &units);
+        let agreed = contradiction.is_none();
+        warnings.extend(contradiction);
+        if fitted.gain.value < 0.0 {
+            warnings.push(Finding::Backwards { gain: fitted.gain.value }.to_string());
+        }
         let period_s = run.recording.as_ref().map_or(0.0, |recording| recording.data.period());
         let model = fitted.model();
         let z = if axis { Discrete::position(&model, period_s) } else { Discrete::speed(&model, period_s) };
@@ -284,10 +395,13 @@ impl Identification {
             s: [vec![b], if axis { vec![1.0, a, 0.0] } else { vec![1.0, a] }],
             z: [z.numerator.0, z.denominator.0],
             gain: model.gain,
-            gain_interval: fitted.gain.interval(),
+            gain_interval: fitted.gain.interval().filter(|_| agreed),
             tau_s: model.tau,
-            tau_s_interval: fitted.tau.interval(),
+            tau_s_interval: fitted.tau.interval().filter(|_| agreed),
+            friction: fitted.friction.map(|friction| friction.value),
+            friction_interval: fitted.friction.and_then(|friction| friction.interval()),
             fit_percent: fit_percent.unwrap_or_default(),
+            warnings,
             model,
         };
         Ok(Self { subject, units, period_s, axis, result, runs })
@@ -314,7 +428,13 @@ impl Identification {
         writeln!(text, "{:<9}{bold}{}{bold:#}   held and sampled every {period} ms", "in z", ratio(z, 'z'))?;
         writeln!(text, "{:<9}{}", "gain", estimate(*gain, *gain_interval, &format!("{speed} per {input_unit}")))?;
         writeln!(text, "{:<9}{}", "tau", estimate(*tau_s, *tau_s_interval, "s"))?;
+        if let Some(friction) = self.result.friction {
+            writeln!(text, "{:<9}{}", "friction", estimate(friction, self.result.friction_interval, input_unit))?;
+        }
         writeln!(text, "{:<9}{fit_percent:.1} % of the response; {}, {input}", "fit", method.words())?;
+        for warning in &self.result.warnings {
+            writeln!(text, "{warn}{:<9}{warning}{warn:#}", "warning")?;
+        }
         for run in &self.runs {
             writeln!(text)?;
             writeln!(text, "{bold}{} ({} samples){bold:#}", run.input, run.samples)?;
@@ -381,7 +501,10 @@ impl Run {
         let closed = recording.closed.is_some();
         let wanted = Method::ALL.into_iter().filter(|method| only.is_none_or(|only| only == *method));
         let methods = wanted.filter(|method| method.fits(&recording.data, closed));
-        let methods = methods.map(|method| Row::of(method, &recording)).collect();
+        let methods = methods.map(|method| Row::of(method, &recording));
+        // Most motors have none: there is nothing to be told of that.
+        let methods = methods.filter(|row| only.is_some() || row.method != Method::NlsFriction || row.fitted.is_some());
+        let methods = methods.collect();
         Self {
             input: recording.what.clone(),
             samples: recording.data.samples().len(),
@@ -393,8 +516,13 @@ impl Run {
 
 impl Row {
     fn write(&self, text: &mut String, warn: Style) -> fmt::Result {
-        let mark = if self.recommended { '*' } else { ' ' };
-        let warn = if self.method == Method::ArxLs || self.finding.is_some() { warn } else { Style::new() };
+        let mark = match (self.recommended, self.doubts.is_empty()) {
+            (true, true) => '*',
+            (true, false) => '?',
+            _ => ' ',
+        };
+        let warned = self.method == Method::ArxLs || self.finding.is_some() || !self.doubts.is_empty();
+        let warn = if warned { warn } else { Style::new() };
         write!(text, "{mark} {warn}{:<34}", self.method.words())?;
         if let Some(finding) = &self.finding {
             return writeln!(text, "{finding}{warn:#}");
@@ -410,7 +538,11 @@ impl Row {
         if let (Some(omega), Some(xi)) = (self.omega_rad_per_s, self.xi) {
             write!(text, "   wn {omega:.4} rad/s, xi {xi:.4}")?;
         }
-        writeln!(text, "{warn:#}")
+        if let Some(friction) = self.friction {
+            write!(text, "   friction {}", digits(friction))?;
+        }
+        writeln!(text, "{warn:#}")?;
+        self.doubts.iter().try_for_each(|doubt| writeln!(text, "    {warn}{doubt}{warn:#}"))
     }
 }
 
