@@ -10,6 +10,11 @@ const EVEN: f64 = 0.01;
 /// With fewer counts in a time constant, there is no telling when in it they came. (Ours.)
 const LEAST_COUNTS: f64 = 3.0;
 
+/// What was so fast before it stood has not come to rest by itself, as a share of its greatest speed. (Ours.)
+const DEAD: f64 = 0.1;
+/// What stands although it is driven by more than this share of the greatest drive is held. (Ours.)
+const FULL: f64 = 0.9;
+
 /// What the sensor tells, and so what a sample's output is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sensor {
@@ -38,6 +43,10 @@ pub struct Data {
     samples: Vec<Sample>,
     /// What one count in an interval is, in units of speed; 0 if the sensor does not count.
     quantum: f64,
+    /// Most intervals are so long, in s.
+    period: f64,
+    /// Somebody knows that the motor was at rest.
+    rest: bool,
 }
 
 impl Data {
@@ -68,11 +77,22 @@ impl Data {
         if samples.iter().all(|sample| sample.speed == first) {
             return Err(Finding::NoResponse { input });
         }
-        let data = Self { sensor, start, samples, quantum };
+        let starts = core::iter::once(start).chain(samples.iter().map(|sample| sample.time));
+        let mut lengths: Vec<f64> = samples.iter().zip(starts).map(|(sample, start)| sample.time - start).collect();
+        lengths.sort_by(f64::total_cmp);
+        let period = lengths[lengths.len() / 2];
+        let data = Self { sensor, start, samples, quantum, period, rest: false };
         match data.saturation() {
             Some(finding) => Err(finding),
             None => Ok(data),
         }
+    }
+
+    /// The same of a motor that is known to have been at rest at the start.
+    #[must_use]
+    pub const fn from_rest(mut self) -> Self {
+        self.rest = true;
+        self
     }
 
     /// What the sensor tells.
@@ -106,9 +126,9 @@ impl Data {
         self.samples.iter().zip(starts).map(|(sample, start)| sample.time - start)
     }
 
-    /// The mean length of an interval, in s.
-    pub fn period(&self) -> f64 {
-        self.seconds() / self.samples.len() as f64
+    /// The length that most intervals have (their median), in s.
+    pub const fn period(&self) -> f64 {
+        self.period
     }
 
     /// The length of every interval, in s.
@@ -119,7 +139,9 @@ impl Data {
         let expected = self.period();
         let uneven = (1..).zip(self.intervals()).find(|(_, found)| (found - expected).abs() > EVEN * expected);
         match uneven {
-            Some((sample, found)) => Err(Finding::Uneven { sample, expected, found }),
+            Some((sample, found)) => {
+                Err(Finding::Uneven { sample, expected: rounded(expected), found: rounded(found) })
+            }
             None => Ok(expected),
         }
     }
@@ -147,8 +169,11 @@ impl Data {
         Err(Finding::Coarse { speed: rounded(speed), counts: rounded(counts), tau: rounded(tau), least: LEAST_COUNTS })
     }
 
-    /// The samples begin with the motor at rest, as far as its sensor can tell.
+    /// The samples begin with the motor at rest, as far as is known or its sensor can tell.
     pub fn starts_at_rest(&self) -> bool {
+        if self.rest {
+            return true;
+        }
         let largest = self.samples.iter().map(|sample| sample.speed.abs()).fold(0.0, f64::max);
         self.samples[0].speed.abs() <= (0.05 * largest).max(1.5 * self.quantum)
     }
@@ -158,45 +183,65 @@ impl Data {
         self.standstill().or_else(|| self.ceiling())
     }
 
-    /// A motor that has turned, is driven, and stands.
+    /// A motor that has turned, is driven, and stands: from one sample to the next, or driven as much as ever. One that
+    /// comes to rest little by little while it is driven less has friction, which is another matter.
     fn standstill(&self) -> Option<Finding> {
+        let largest =
+            |number: fn(&Sample) -> f64| self.samples.iter().map(number).fold(0.0, |a: f64, b| a.max(b.abs()));
+        let (fastest, fullest) = (largest(|sample| sample.speed), largest(|sample| sample.input));
         let mean = self.samples.iter().map(|sample| sample.speed.abs()).sum::<f64>() / self.samples.len() as f64;
         // So long that several counts are missing, and no passage through zero either.
         let counts = if self.quantum > 0.0 { (10.0 * self.quantum / mean).ceil() as usize } else { 0 };
-        let long = counts.max(self.samples.len() / 20).max(5);
+        let short = counts.max(5);
+        let long = short.max(self.samples.len() / 20);
         let moved = self.samples.iter().position(|sample| sample.speed != 0.0)?;
         let mut stands = 0;
-        for pair in self.samples[moved..].windows(2) {
+        for (place, pair) in (moved + 1..).zip(self.samples[moved..].windows(2)) {
             let driven = pair[1].input != 0.0 && pair[1].input.signum() == pair[0].input.signum();
             stands = if driven && pair[1].speed == 0.0 { stands + 1 } else { 0 };
-            if stands >= long {
-                let place = self.samples.iter().position(|sample| sample.time == pair[1].time)?;
-                return Some(Finding::StopsDead { at: rounded(self.samples[place + 1 - stands].time - self.start) });
+            if stands < short {
+                continue;
+            }
+            let first = place + 1 - stands;
+            // In the window before it may have moved for a part of it only.
+            let before = self.samples[first.saturating_sub(2)].speed.abs();
+            let dead = before > (DEAD * fastest).max(2.0 * self.quantum);
+            let held = pair[1].input.abs() > FULL * fullest;
+            // Whoever is stopped dead at full drive need not stand for long to be believed.
+            if (dead && held) || (stands >= long && (dead || held)) {
+                return Some(Finding::StopsDead { at: rounded(self.samples[first].time - self.start) });
             }
         }
         None
     }
 
-    /// A response to a step that stops rising at once. One that tends to its end does so ever more slowly.
+    /// A response to a step that stops rising at once. One that tends to its end does so ever more slowly. With noise
+    /// above the limit's own, or a limit within what is left of the rise, this cannot be seen.
     fn ceiling(&self) -> Option<Finding> {
         let (input, begin) = self.step()?;
         let rising: Vec<f64> = self.samples[begin..].iter().map(|sample| sample.speed * input.signum()).collect();
         let limit = rising.iter().copied().fold(f64::MIN, f64::max);
-        let tolerance = (1.5 * self.quantum).max(1e-9 * limit.abs());
-        let first = rising.iter().position(|speed| limit - speed <= tolerance)?;
-        let flat = rising[first..].iter().all(|speed| limit - speed <= tolerance);
+        // What is written with few digits is equal sooner than it is at its end.
+        let digit = rising.windows(2).map(|pair| (pair[1] - pair[0]).abs()).filter(|step| *step > 0.0);
+        let digit = digit.fold(f64::MAX, f64::min);
+        let tolerance = (1.5 * self.quantum.max(digit)).max(1e-9 * limit.abs());
+        let first = rising.iter().rposition(|speed| limit - speed > tolerance)? + 1;
         let span = (first / 4).clamp(4, 40);
-        if !flat || rising.len() - first < 10 || first < 2 * span {
+        if rising.len() - first < 10 || first < 2 * span {
             return None;
         }
         let rise = |from: usize, to: usize| {
             (rising[to] - rising[from], self.samples[begin + to].time - self.samples[begin + from].time)
         };
         let ((last, last_s), (whole, whole_s)) = (rise(first - 1 - span, first - 1), rise(0, first - 1));
+        let before = if first > 2 * span { rise(first - 1 - 2 * span, first - 1 - span).0 } else { f64::MAX };
         let slope = last / last_s;
         let at = rounded(self.samples[begin + first].time - self.start);
         let finding = Finding::Saturated { limit: rounded(limit), at, slope: rounded(slope) };
-        (slope > 0.3 * whole / whole_s && last > 2.0 * tolerance).then_some(finding)
+        // Of a lag, what is still to come follows from what has come.
+        let to_come = if before > last { last * last / (before - last) } else { f64::MAX };
+        let steep = slope > 0.3 * whole / whole_s && last > 2.0 * tolerance;
+        (steep || (last > 4.0 * tolerance && to_come > 4.0 * tolerance)).then_some(finding)
     }
 }
 

@@ -30,11 +30,11 @@ pub enum Finding {
         found: f64,
     },
     /// The samples are not evenly spaced, where they must be.
-    #[error("the samples are not evenly spaced: expected {expected} s, found {found} s before sample {sample}")]
+    #[error("the samples are not evenly spaced: expected {expected} s, found {found} s up to sample {sample}")]
     Uneven {
         /// The sample's number, from 1.
         sample: usize,
-        /// The mean.
+        /// What most of them have.
         expected: f64,
         /// What is there.
         found: f64,
@@ -62,11 +62,17 @@ pub enum Finding {
         slope: f64,
     },
     /// The motor stops although it is driven.
-    #[error("the motor stops dead {at} s after the start, though it is driven: an end of travel, or a blocked shaft")]
+    #[error(
+        "the motor stops dead {at} s after the start, though it is driven: an end of travel, a blocked shaft, or a motor \
+         whose position, not its speed, follows the drive"
+    )]
     StopsDead {
         /// When.
         at: f64,
     },
+    /// The data end before the response does.
+    #[error("the data end too soon for this method: by then the response has not settled")]
+    NotSettled,
     /// The input is no step.
     #[error("the input is no step: expected 0 and then one value to the end")]
     NoStep,

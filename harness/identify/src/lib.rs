@@ -29,4 +29,5 @@ pub mod step;
 pub use data::{Data, Sample, Sensor};
 pub use finding::Finding;
 pub use model::{Estimate, FirstOrder, Fitted, SecondOrder};
+pub use nalgebra::Complex;
 pub use polynomial::Polynomial;

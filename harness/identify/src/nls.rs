@@ -21,6 +21,8 @@ const VAGUE: f64 = 0.5;
 /// What is left tells what the noise is, and the noise how much each sample weighs: so often in turn. (Ours; the second
 /// round changes hardly anything.)
 const ROUNDS: usize = 2;
+/// A slower start is rest, as a share of the greatest speed. (Ours.)
+const AT_REST: f64 = 0.02;
 /// Shares of the largest input that friction may be, to begin with.
 const FRICTIONS: [f64; 4] = [0.02, 0.1, 0.3, 0.5];
 /// Friction below this share of the largest input is none. (Ours.)
@@ -176,13 +178,24 @@ fn check(data: &Data, fitted: Fitted) -> Result<Fitted, Finding> {
     check_fit(data, &fitted)?;
     let passed = data.seconds() / tau;
     if passed < LEAST_PASSED {
-        return Err(Finding::TooEarly { passed: round2(passed), tau: round2(tau), least: LEAST_PASSED });
+        return Err(Finding::TooEarly {
+            passed: libm::floor(100.0 * passed) / 100.0,
+            tau: round2(tau),
+            least: LEAST_PASSED,
+        });
     }
     let half = half.ok_or(Finding::NoConvergence)?;
     if half > VAGUE * tau {
         return Err(Finding::Vague { tau: round3(tau), half: round3(half) });
     }
     Ok(fitted)
+}
+
+/// Whether the motor was at rest at the start, even if it is so fast that the first sample does not show it: then the
+/// model's speed at the start comes out as 0.
+pub fn begins_at_rest(data: &Data) -> bool {
+    let largest = data.samples().iter().map(|sample| sample.speed.abs()).fold(0.0, f64::max);
+    data.starts_at_rest() || unchecked(data).is_ok_and(|fitted| fitted.start.abs() < AT_REST * largest)
 }
 
 /// Whether a model explains anything.

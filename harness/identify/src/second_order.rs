@@ -9,6 +9,8 @@ use crate::{Finding, SecondOrder};
 
 /// The band of settling: 2 % (Eq. 9: ts = 4/(ξωn)).
 const BAND: f64 = 0.02;
+/// What has settled stays for this share of the time that it took. (Ours: the peak of Eq. 11 is flat for a third of it.)
+const STAYS: f64 = 0.5;
 /// Fewer samples say nothing. (Ours.)
 const LEAST: usize = 20;
 
@@ -44,6 +46,11 @@ pub fn read(points: &[(f64, f64)]) -> Result<Reading, Finding> {
     let near: Vec<f64> = points.iter().filter(|(_, y)| y * sense >= peak - 1.0).map(|(t, _)| *t).collect();
     let out = points.iter().rposition(|(_, y)| (y - end).abs() > BAND * end.abs());
     let settling_time = out.map_or(points[0].0, |place| points[(place + 1).min(points.len() - 1)].0);
+    // What stays in a band for a moment only, as at a peak, may leave it again.
+    let last = points.last().map_or(0.0, |(t, _)| *t);
+    if last - settling_time < STAYS * settling_time || out.is_some_and(|out| out + 1 >= points.len()) {
+        return Err(Finding::NotSettled);
+    }
     let peak_time = near.iter().sum::<f64>() / near.len() as f64;
     Ok(Reading { peak_time, settling_time, overshoot: peak / end.abs() - 1.0, end })
 }
@@ -170,6 +177,16 @@ mod tests {
     fn what_the_hold_took_is_given_back() {
         let held = SecondOrder { xi: TRUE.xi * (1.0 - 2.664_162 * 0.030 / 2.0), ..TRUE };
         assert!((without_hold(&held, 0.030).xi / TRUE.xi - 1.0).abs() < 1e-6);
+    }
+
+    /// At 2 s the paper's response has just passed its peak, and seems to stay there.
+    #[test]
+    fn data_that_end_too_soon_are_not_read() {
+        for seconds in [0.7, 1.0, 1.5, 2.0, 2.5, 4.0, 6.0] {
+            let mut points = points(0.03, true);
+            points.retain(|(t, _)| *t <= seconds);
+            assert_eq!(read(&points), Err(Finding::NotSettled), "{seconds}");
+        }
     }
 
     #[test]
