@@ -1,4 +1,4 @@
-//! What somebody else has measured: comma-separated values.
+//! What somebody else has measured: values separated by commas, or else by semicolons or tabs.
 //!
 //! The first line names the columns, in any order: `time_s`; `input`; and one of `counts` (of the encoder since the row
 //! before), `position` (of the encoder, counted on) or `speed` (at that time). A unit may follow each name but the
@@ -7,7 +7,7 @@
 
 use std::path::Path;
 
-use torno_identify::{Data, Finding, Sample, Sensor};
+use torno_identify::{Data, Finding, Sample, Sensor, nls};
 
 use super::Units;
 use crate::text::{self, Invalid, TextError, nearest};
@@ -74,6 +74,8 @@ pub fn parse(path: &str, text: &str, counts_per_rev: Option<f64>) -> Result<Meas
         let start = place.as_ptr() as usize - text.as_ptr() as usize;
         CsvError::Invalid(Invalid::at(path, text, start..start + place.len(), message))
     };
+    // What some programs begin a file with says only that it is text.
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let mut lines = text.lines().filter(|line| !line.trim().is_empty() && !line.trim_start().starts_with('#'));
     let Some(head) = lines.next() else {
         return Err(invalid(&text[..0], "expected a line with the columns' names: time_s,input,counts".to_owned()));
@@ -81,15 +83,17 @@ pub fn parse(path: &str, text: &str, counts_per_rev: Option<f64>) -> Result<Meas
     let columns = Columns::find(head).map_err(|(place, message)| invalid(place, message))?;
     let mut rows: Vec<[f64; 3]> = Vec::new();
     for line in lines {
-        let cells: Vec<&str> = line.split(',').collect();
+        let cells: Vec<&str> = line.split(columns.separator).collect();
         if cells.len() != columns.count {
             let message = format!("expected {} values, found {}", columns.count, cells.len());
             return Err(invalid(cells.get(columns.count).unwrap_or(&line), message));
         }
         let mut row = [0.0; 3];
         for (value, place) in row.iter_mut().zip(columns.places) {
-            let cell = cells[place].trim();
-            *value = cell.parse().ok().filter(|number: &f64| number.is_finite()).ok_or_else(|| {
+            let cell = bare(cells[place]);
+            // Where a comma does not separate values, it may separate decimals.
+            let number = if columns.separator == ',' { cell.to_owned() } else { cell.replace(',', ".") };
+            *value = number.parse().ok().filter(|number: &f64| number.is_finite()).ok_or_else(|| {
                 invalid(if cell.is_empty() { cells[place] } else { cell }, format!("expected a number, found '{cell}'"))
             })?;
         }
@@ -104,7 +108,15 @@ pub fn parse(path: &str, text: &str, counts_per_rev: Option<f64>) -> Result<Meas
     columns.data(&rows, counts_per_rev).map_err(|finding| CsvError::Useless { path: path.to_owned(), finding })
 }
 
+/// Without space and quotes around it.
+fn bare(cell: &str) -> &str {
+    let cell = cell.trim();
+    cell.strip_prefix('"').and_then(|cell| cell.strip_suffix('"')).unwrap_or(cell).trim()
+}
+
 struct Columns {
+    /// What separates values.
+    separator: char,
     /// Where time, input and output are.
     places: [usize; 3],
     count: usize,
@@ -118,10 +130,11 @@ impl Columns {
         const KNOWN: [&str; 5] = ["time_s", "input", "counts", "position", "speed"];
         let mut places: [Option<usize>; 3] = [None; 3];
         let (mut output, mut input_unit, mut speed_unit) = (Output::Counts, None, None);
-        for (place, cell) in head.split(',').enumerate() {
-            let name = cell.trim();
-            let (bare, unit) = name.split_once('_').map_or((name, None), |(bare, unit)| (bare, Some(unit.to_owned())));
-            let role = match bare {
+        let separator = [',', ';', '\t'].into_iter().find(|separator| head.contains(*separator)).unwrap_or(',');
+        for (place, cell) in head.split(separator).enumerate() {
+            let name = bare(cell);
+            let (word, unit) = name.split_once('_').map_or((name, None), |(word, unit)| (word, Some(unit.to_owned())));
+            let role = match word {
                 "time" if unit.as_deref() == Some("s") => 0,
                 "input" => {
                     input_unit = unit;
@@ -143,10 +156,10 @@ impl Columns {
                 return Err((cell, format!("expected one column with the {what}, found another, '{name}'")));
             }
         }
-        let count = head.split(',').count();
+        let count = head.split(separator).count();
         match places {
             [Some(time), Some(input), Some(out)] => {
-                Ok(Self { places: [time, input, out], count, output, input_unit, speed_unit })
+                Ok(Self { separator, places: [time, input, out], count, output, input_unit, speed_unit })
             }
             [time, input, _] => {
                 let missing = match (time, input) {
@@ -174,9 +187,11 @@ impl Columns {
         let counts = self.output != Output::Speed;
         let sensor = if counts { Sensor::Mean } else { Sensor::Instant };
         let start = rows.first().map_or(0.0, |row| row[0]);
-        let seconds = rows.last().map_or(0.0, |row| row[0] - start);
-        let quantum = if counts { count * samples.len() as f64 / seconds } else { 0.0 };
+        let mut lengths: Vec<f64> = rows.windows(2).map(|pair| pair[1][0] - pair[0][0]).collect();
+        lengths.sort_by(f64::total_cmp);
+        let quantum = lengths.get(lengths.len() / 2).filter(|_| counts).map_or(0.0, |length| count / length);
         let data = Data::new(sensor, start, samples, quantum)?;
+        let data = if nls::begins_at_rest(&data) { data.from_rest() } else { data };
         let input = self.input_unit.clone().unwrap_or_else(|| "input".to_owned());
         let speed = match (&self.speed_unit, counts_per_rev) {
             (_, Some(_)) if counts => "rad/s".to_owned(),
@@ -220,6 +235,31 @@ mod tests {
             let found = complaint(text);
             assert!(found.starts_with(expected), "{found}\nexpected {expected}");
         }
+    }
+
+    #[test]
+    fn what_spreadsheets_write_is_read() {
+        let row = |n: u32| format!("{:.2},5,{:.3}\n", 0.02 * f64::from(n), 100.0 * -libm::expm1(-0.04 * f64::from(n)));
+        let rows: String = (0..150).map(row).collect();
+        let expected = parse("my.csv", &format!("time_s,input_v,speed\n{rows}"), None).unwrap();
+        let quoted = format!("\u{feff}\"time_s\",\"input_v\",\"speed\"\n{rows}");
+        let semicolons = format!("time_s;input_v;speed\n{}", rows.replace(',', ";").replace('.', ","));
+        let tabs = format!("time_s\tinput_v\tspeed\n{}", rows.replace(',', "\t"));
+        for text in [quoted, semicolons, tabs] {
+            assert_eq!(parse("my.csv", &text, None).unwrap(), expected, "{}", &text[..40]);
+        }
+        // The motor was at rest, although the first sample is 4 % of the last and the second 8 %.
+        assert!(expected.data.starts_at_rest());
+    }
+
+    #[test]
+    fn rows_that_are_missing_are_told_by_their_place() {
+        let row = |n: u32| format!("{:.2},5,{}\n", 0.02 * f64::from(n), n * n / 40);
+        let rows: String = (0..200).filter(|n| *n < 100 || n % 3 == 0).map(row).collect();
+        let measured = parse("my.csv", &format!("time_s,input,position\n{rows}"), None).unwrap();
+        assert!((measured.data.period() - 0.02).abs() < 1e-9);
+        let finding = measured.data.even_period().unwrap_err().to_string();
+        assert_eq!(finding, "the samples are not evenly spaced: expected 0.02 s, found 0.06 s up to sample 100");
     }
 
     #[test]
