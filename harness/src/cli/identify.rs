@@ -11,7 +11,7 @@ use torno::observe::log;
 use torno::report::plot::Figure;
 use torno::rig::file::{DEFAULT, RigFile};
 
-use super::{colour, print};
+use super::{colour, load_rig, print};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -42,12 +42,16 @@ pub(super) struct Source {
     /// How long it is driven, in s [default: 20 for a step (10 in a loop), 60 for a PRBS]
     #[arg(long, conflicts_with = "from")]
     seconds: Option<f64>,
-    /// The largest drive, in the motor's own unit: V of the main motor, LSB of the feed's [default: a good one]
+    /// The largest drive, in the motor's own unit: V of the main motor, LSB of the feed's, whose loop gets a step for it
+    /// [default: a good one]
     #[arg(long, conflicts_with = "from", allow_negative_numbers = true)]
     level: Option<f64>,
     /// Of the PRBS
     #[arg(long, default_value_t = 0, conflicts_with = "from")]
     seed: u64,
+    /// Sets what the rig file could say: BOARD.TABLE.FIELD, BOARD.clock_ppm or pc.FIELD (may be given several times)
+    #[arg(long, value_name = "PLACE=VALUE", conflicts_with = "from")]
+    set: Vec<String>,
     /// Takes data of a real motor: columns time_s, input (held to the next row), and counts (since the row before),
     /// position (counted on) or speed (at that time); a unit may follow: input_v, speed_rpm
     #[arg(long, value_name = "FILE.csv")]
@@ -84,7 +88,7 @@ impl Source {
         let Measured { data, units, axis } = csv::read(path, self.counts_per_rev)?;
         let subject = path.display().to_string();
         let what = format!("{:.3} s of data", data.seconds());
-        let recordings = vec![Recording { data, closed: None, what }];
+        let recordings = vec![Ok(Recording { data, closed: None, what })];
         let identification = Identification::of(subject.clone(), units, axis, recordings, method);
         let identification = identification.map_err(anyhow::Error::msg).context(subject)?;
         Ok(Identified { identification, on_rig: None })
@@ -96,7 +100,7 @@ impl Source {
             (Some(board), None) => (DEFAULT, board),
             (None, _) => anyhow::bail!("expected a board"),
         };
-        let file = RigFile::load(rig)?;
+        let file = load_rig(rig, &self.set)?;
         let subject = Subject::find(&file, board)?;
         let inputs = self.input.map_or(vec![Excitation::Step, Excitation::Prbs], |input| vec![input]);
         let mut recordings = Vec::new();

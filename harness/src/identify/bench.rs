@@ -66,10 +66,19 @@ pub struct Plan {
 pub struct Recording {
     /// Drive and speed.
     pub data: Data,
-    /// If it was a step of a loop's set point: times since it, and positions in counts.
-    pub closed: Option<Vec<(f64, f64)>>,
+    /// If it was a step of a loop's set point: how many counts, times since it, and positions in counts.
+    pub closed: Option<(i64, Vec<(f64, f64)>)>,
     /// What it was, in words: `20 V for 20 s`.
     pub what: String,
+}
+
+/// An experiment whose data are of no use.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Useless {
+    /// What was done.
+    pub what: String,
+    /// Why.
+    pub finding: Finding,
 }
 
 /// A motor on the bench.
@@ -98,12 +107,12 @@ pub enum BenchError {
         hint: String,
     },
     /// The board drives nothing.
-    #[error("board '{board}' has no motor: expected one of {known}")]
+    #[error("board '{board}' {why}")]
     NoMotor {
         /// The board.
         board: String,
-        /// Those that have one.
-        known: String,
+        /// What it lacks, and which boards do not.
+        why: String,
     },
     /// The board drives several motors.
     #[error("board '{board}' has several motors ({motors}): expected one with its own motor, as '{DEFAULT}' has")]
@@ -132,14 +141,6 @@ pub enum BenchError {
     /// The board's settings are wrong.
     #[error(transparent)]
     Kind(#[from] KindError),
-    /// The data are of no use.
-    #[error("{what}: {finding}")]
-    Useless {
-        /// What was done.
-        what: String,
-        /// Why.
-        finding: Finding,
-    },
     /// The rig broke.
     #[error(transparent)]
     Rig(#[from] RigError),
@@ -166,7 +167,17 @@ impl Subject {
                 motor::motor(&other.kind, &other.settings).is_ok_and(|m| m.is_some())
             };
             let known: Vec<&str> = file.boards.iter().filter(has_motor).map(|board| board.name.as_str()).collect();
-            return Err(BenchError::NoMotor { board: board.to_owned(), known: known.join(", ") });
+            let expected = if known.is_empty() {
+                "no board of this rig has one that can be driven freely".to_owned()
+            } else {
+                format!("expected one of {}", known.join(", "))
+            };
+            let lacks = if found.kind == "servo" {
+                "has an axis that begins at the end of its travel: there is no room to drive it freely"
+            } else {
+                "has no motor"
+            };
+            return Err(BenchError::NoMotor { board: board.to_owned(), why: format!("{lacks}: {expected}") });
         };
         Ok(Self { node, board: board.to_owned(), motor, clock: found.clock })
     }
@@ -179,20 +190,24 @@ impl Subject {
     /// Runs the rig with it.
     ///
     /// # Errors
-    /// [`BenchError`] if the plan cannot be followed, or nothing useful came of it.
-    pub async fn run(&self, file: &RigFile, plan: &Plan) -> Result<Recording, BenchError> {
+    /// [`BenchError`] if the plan cannot be followed; within, [`Useless`] if nothing came of it.
+    pub async fn run(&self, file: &RigFile, plan: &Plan) -> Result<Result<Recording, Useless>, BenchError> {
         let program = Program::new(self, plan)?;
         let what = program.what.clone();
+        let counts = if let Kind::Loop { counts, .. } = program.kind { counts } else { LOOP_STEP };
         let pc = PcUart::new(file.pc.baud, file.pc.tx_fifo, file.pc.clock);
         let rig = Rig::start(file, &Driver::InProcess, pc).await?;
         let raw = self.drive(rig, program, plan.seconds).await?;
-        let useless = |finding| BenchError::Useless { what: what.clone(), finding };
-        let data = self.data(&raw).map_err(useless)?;
+        let data = match self.data(&raw) {
+            Ok(data) => data,
+            Err(finding) => return Ok(Err(Useless { what, finding })),
+        };
         let closed = (plan.excitation == Excitation::Step && self.is_axis()).then(|| {
             let origin = raw[0];
-            raw[1..].iter().map(|point| (point.time - origin.time, (point.count - origin.count) as f64)).collect()
+            let point = |point: &Point| (point.time - origin.time, (point.count - origin.count) as f64);
+            (counts, raw[1..].iter().map(point).collect())
         });
-        Ok(Recording { data, closed, what })
+        Ok(Ok(Recording { data, closed, what }))
     }
 
     async fn drive(&self, mut rig: Rig, mut program: Program, seconds: f64) -> Result<Vec<Point>, BenchError> {
@@ -250,7 +265,7 @@ impl Subject {
         let samples: Vec<Sample> = points.windows(2).map(sample).collect();
         let start = points.first().map_or(0.0, |first| first.time);
         let quantum = motor.count * 1_000.0 / f64::from(motor.period_ms);
-        Data::new(Sensor::Mean, start, samples, quantum)
+        Data::new(Sensor::Mean, start, samples, quantum).map(Data::from_rest)
     }
 }
 
@@ -271,7 +286,7 @@ struct Program {
 
 enum Kind {
     Hold(i32),
-    Loop { origin: Option<i64> },
+    Loop { counts: i64, origin: Option<i64> },
     Sequence { bits: Vec<bool>, levels: [i32; 2], hold: usize, origin: Option<i64> },
 }
 
@@ -288,15 +303,18 @@ impl Program {
             (Excitation::Prbs, Some(_)) => SEQUENCE * full,
             _ => STEP * full,
         };
+        let asked = level;
         let level = level.unwrap_or(good);
         if !(level > 0.0 && level <= full) {
             return Err(BenchError::Level { found: level, full, unit });
         }
         let per_mille = |level: f64| (1_000.0 * level / full).round() as i32;
         let (kind, what) = match (excitation, motor.travel) {
-            (Excitation::Step, Some(_)) if subject.is_axis() => {
-                let what = format!("step of {LOOP_STEP} counts in a loop of {LOOP_GAIN} LSB/count for {seconds} s");
-                (Kind::Loop { origin: None }, what)
+            (Excitation::Step, _) if subject.is_axis() => {
+                // The drive is largest at the step itself.
+                let counts = asked.map_or(LOOP_STEP, |level| (level / LOOP_GAIN).round() as i64);
+                let what = format!("step of {counts} counts in a loop of {LOOP_GAIN} LSB/count for {seconds} s");
+                (Kind::Loop { counts, origin: None }, what)
             }
             (Excitation::Step, _) => {
                 (Kind::Hold(per_mille(level)), format!("step of {} {unit} for {seconds} s", short(level)))
@@ -318,8 +336,8 @@ impl Program {
         let full = self.motor.full.1 as f64;
         match &mut self.kind {
             Kind::Hold(per_mille) => *per_mille,
-            Kind::Loop { origin } => {
-                let error = LOOP_STEP - (count - *origin.get_or_insert(count));
+            Kind::Loop { counts, origin } => {
+                let error = *counts - (count - *origin.get_or_insert(count));
                 (1_000.0 * (LOOP_GAIN * error as f64).round() / full).round() as i32
             }
             Kind::Sequence { bits, levels, hold, origin } => {

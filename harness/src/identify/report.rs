@@ -8,7 +8,7 @@ use serde::Serialize;
 use torno_identify::discrete::Discrete;
 use torno_identify::{Data, Estimate, Finding, FirstOrder, Fitted, SecondOrder, arx, doubt, nls, second_order, step};
 
-use super::bench::{LOOP_GAIN, LOOP_STEP, Recording};
+use super::bench::{LOOP_GAIN, Recording, Useless};
 use crate::report::plot::Style as Drawn;
 use crate::report::plot::{Figure, Panel, Series};
 
@@ -109,7 +109,7 @@ impl Method {
     fn apply(self, recording: &Recording) -> Result<(Fitted, Option<SecondOrder>), Finding> {
         let data = &recording.data;
         let closed = || -> Result<SecondOrder, Finding> {
-            let points = recording.closed.as_deref().unwrap_or_default();
+            let points = recording.closed.as_ref().map_or(&[][..], |(_, points)| points);
             match self {
                 Self::PeakSettling => second_order::by_peak_and_settling(&second_order::read(points)?),
                 Self::PeakOvershoot => second_order::by_peak_and_overshoot(&second_order::read(points)?),
@@ -285,6 +285,9 @@ pub struct Run {
     pub samples: usize,
     /// The methods.
     pub methods: Vec<Row>,
+    /// Why nothing came of it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub finding: Option<String>,
     #[serde(skip)]
     recording: Option<Recording>,
 }
@@ -355,11 +358,11 @@ impl Identification {
         subject: String,
         units: Units,
         axis: bool,
-        recordings: Vec<Recording>,
+        recordings: Vec<Result<Recording, Useless>>,
         only: Option<Method>,
     ) -> Result<Self, String> {
         let mut runs: Vec<Run> = recordings.into_iter().map(|recording| Run::of(recording, only)).collect();
-        runs.retain(|run| !run.methods.is_empty());
+        runs.retain(|run| !run.methods.is_empty() || run.finding.is_some());
         doubt_what_lacks_friction(&mut runs);
         let rows = || runs.iter().flat_map(|run| run.methods.iter().map(move |row| (run, row)));
         let worthy = rows().filter(|(_, row)| row.fitted.is_some() && (only.is_some() || row.recommended));
@@ -369,7 +372,8 @@ impl Identification {
                 let finding = row.finding.as_ref().filter(|_| only.is_some() || row.method.is_recommended())?;
                 Some(format!("{}: {}: {finding}", run.input, row.method.words()))
             });
-            let findings: Vec<String> = findings.collect();
+            let useless = runs.iter().filter_map(|run| Some(format!("{}: {}", run.input, run.finding.as_ref()?)));
+            let findings: Vec<String> = useless.chain(findings).collect();
             return Err(match (findings.is_empty(), only) {
                 (true, Some(only)) => format!("{} cannot be used on such data", only.words()),
                 _ => findings.join("; "),
@@ -437,6 +441,11 @@ impl Identification {
         }
         for run in &self.runs {
             writeln!(text)?;
+            if let Some(finding) = &run.finding {
+                writeln!(text, "{bold}{}{bold:#}", run.input)?;
+                writeln!(text, "  {warn}{finding}{warn:#}")?;
+                continue;
+            }
             writeln!(text, "{bold}{} ({} samples){bold:#}", run.input, run.samples)?;
             let head =
                 format!("  {:<34}{:>10} {:>8}{:>11} {:>8}{:>8}", "method", "gain", "95 %", "tau s", "95 %", "fit");
@@ -479,12 +488,12 @@ impl Identification {
         input.extend(data.samples().last().map(|last| (last.time, last.input)));
         let Units { input: input_unit, speed } = &self.units;
         let panel = |y: String, height: f64, series: Vec<Series>| Panel { x: "time, s".to_owned(), y, height, series };
-        if let Some(points) = &recording.closed {
+        if let Some((counts, points)) = &recording.closed {
             let mut series = vec![Series::new("counted", Drawn::Dots, points.clone())];
             let closed = run.methods.iter().filter(|row| row.method.of_loop());
             let closed = closed.filter_map(|row| Some((row, SecondOrder { omega: row.omega_rad_per_s?, xi: row.xi? })));
             series.extend(closed.map(|(row, model)| {
-                let at = |(t, _): &(f64, f64)| (*t, LOOP_STEP as f64 * second_order::respond(&model, *t));
+                let at = |(t, _): &(f64, f64)| (*t, *counts as f64 * second_order::respond(&model, *t));
                 let style = if row.method == Method::ClosedNls { Drawn::Line } else { Drawn::Dashed };
                 Series::new(row.method.words(), style, points.iter().map(at).collect())
             }));
@@ -497,7 +506,14 @@ impl Identification {
 }
 
 impl Run {
-    fn of(recording: Recording, only: Option<Method>) -> Self {
+    fn of(recording: Result<Recording, Useless>, only: Option<Method>) -> Self {
+        let recording = match recording {
+            Ok(recording) => recording,
+            Err(Useless { what, finding }) => {
+                let finding = Some(finding.to_string());
+                return Self { input: what, samples: 0, methods: Vec::new(), finding, recording: None };
+            }
+        };
         let closed = recording.closed.is_some();
         let wanted = Method::ALL.into_iter().filter(|method| only.is_none_or(|only| only == *method));
         let methods = wanted.filter(|method| method.fits(&recording.data, closed));
@@ -509,6 +525,7 @@ impl Run {
             input: recording.what.clone(),
             samples: recording.data.samples().len(),
             methods,
+            finding: None,
             recording: Some(recording),
         }
     }
