@@ -122,7 +122,7 @@ fn a_person_gets_a_table_and_a_picture() {
     let folder = folder();
     let path = folder.path().join("spindle.svg");
     let table = text(&["identify", "spindle", "--plot", path.to_str().unwrap()]);
-    for words in ["6.7857/(s + 0.35714)", "0.20248/(z - 0.98934)", "held and sampled every 30 ms", "Eq 4", "biased"] {
+    for words in ["6.7858/(s + 0.35715)", "0.20249/(z - 0.98934)", "held and sampled every 30 ms", "Eq 4", "biased"] {
         assert!(table.contains(words), "{table}\nlacks {words}");
     }
     let svg = fs::read_to_string(&path).unwrap();
@@ -200,6 +200,7 @@ fn a_rig_that_cannot_be_identified_says_why() {
         (vec!["spindle", "--level", "40"], "level 40: expected above 0 and up to 30 V"),
         (vec!["spindle", "--seconds", "0"], "seconds 0: expected 1 to 3600"),
         (vec!["spindle", "--seconds", "2"], "the data are too short: they end after"),
+        (vec!["servo", "servo"], "there is no room to drive it freely"),
         (vec!["depth"], "the encoder is too coarse to see the lag"),
         (vec!["spindle", "--input", "step", "--method", "arx-iv"], "cannot be used on such data"),
         (vec![], "required"),
@@ -248,4 +249,103 @@ fn gains_that_make_the_loop_unstable_are_found_to_do_so() {
     let expected = "as it is: the loop is unstable: largest pole 1.";
     assert!(found.contains(expected), "{found}");
     assert!(complaint(&["tune", "spindle", "--phase-margin", "5"]).contains("expected 10 to 90"));
+}
+
+#[test]
+fn friction_is_found_and_what_lacks_it_is_doubted() {
+    let set = |place: &str, board: &str| json(&output(&["identify", board, "--set", place, "--json"]));
+    let found = set("spindle.plant.friction=0.2", "spindle");
+    near(&found["result"]["gain"], 19.0, 0.02);
+    near(&found["result"]["tau_s"], 2.8, 0.05);
+    // A fifth of 30 V.
+    near(&found["result"]["friction"], 6.0, 0.02);
+    assert_eq!(found["result"]["method"], "nls-friction");
+    // At one level it cannot be told from a smaller gain; that it shows in another is said.
+    let step = row(&found, "step", "nls");
+    near(&step["gain"], 13.3, 0.1);
+    assert!(
+        step["gain_interval"].is_null() && step["doubts"][0].as_str().unwrap().starts_with("friction of 6.0000 shows")
+    );
+    // The carriage stands still in its loop before it is there, and that is no end of travel.
+    let found = set("transverse.plant.friction=0.1", "transverse");
+    near(&found["result"]["gain"], 7_500.0 / 255.0, 0.02);
+    near(&found["result"]["friction"], 25.5, 0.02);
+    near(&row(&found, "step", "nls-friction")["friction"], 25.5, 0.2);
+    // Without friction there is nothing to be told of it.
+    let good = text(&["identify", "spindle"]);
+    assert!(!good.contains("friction") && !good.contains("warning"), "{good}");
+}
+
+#[test]
+fn data_that_end_too_soon_are_no_ground_for_the_papers_method() {
+    let found =
+        complaint(&["identify", "transverse", "--input", "step", "--seconds", "1", "--method", "peak-settling"]);
+    assert!(found.contains("the data end too soon for this method"), "{found}");
+    let slow = json(&output(&["identify", "spindle", "--set", "spindle.plant.tau_s=30", "--json"]));
+    for method in ["eq4", "eq4-mean", "log-linear"] {
+        assert!(row(&slow, "step", method)["finding"].as_str().unwrap().contains("not settled"));
+    }
+    assert!(row(&slow, "step", "nls")["finding"].as_str().unwrap().contains("they end after 0.66 time constants"));
+    near(&slow["result"]["tau_s"], 30.0, 0.1);
+    // A fast one is at rest at the start, although its first window is full of counts.
+    let fast = json(&output(&["identify", "spindle", "--input", "step", "--set", "spindle.plant.tau_s=0.1", "--json"]));
+    near(&row(&fast, "step", "eq4")["tau_s"], 0.1, 1.0);
+    near(&fast["result"]["tau_s"], 0.1, 0.2);
+}
+
+#[test]
+fn an_experiment_that_fails_leaves_the_others() {
+    // Room for the step, and too little for the sequence.
+    let set = ["--set", "transverse.plant.travel_mm=24"];
+    let found = json(&output(&[&["identify", "transverse", "--json"][..], &set].concat()));
+    let runs = found["runs"].as_array().unwrap();
+    assert!(runs[1]["finding"].as_str().unwrap().contains("stops dead"), "{runs:?}");
+    near(&found["result"]["gain"], 7_500.0 / 255.0, 0.02);
+    // The level of a loop's step is the drive that it begins with.
+    let found = json(&output(&["identify", "transverse", "--input", "step", "--level", "100", "--json"]));
+    assert!(found["runs"][0]["input"].as_str().unwrap().starts_with("step of 1104 counts"));
+    let unknown = complaint(&["identify", "spindle", "--set", "spindle.plant.tau=3"]);
+    assert!(unknown.contains("did you mean 'tau_s'?"), "{unknown}");
+}
+
+#[test]
+fn what_contradicts_itself_is_said_to() {
+    let folder = folder();
+    let path = folder.path().join("data.csv");
+    let path = path.to_str().unwrap();
+    // Late by 40 ms.
+    let row = |n: u32| {
+        let t = 0.02 * f64::from(n);
+        format!("{t:.2},5,{:.6}\n", 60.0 * -libm::expm1(-(t - 0.04).max(0.0) / 0.5))
+    };
+    let late: String = (0..200).map(row).collect();
+    fs::write(path, format!("time_s,input_v,speed\n{late}")).unwrap();
+    let found = json(&output(&["identify", "--from", path, "--json"]));
+    assert!(found["result"]["warnings"][0].as_str().unwrap().contains("s late"), "{found}");
+    assert!(found["result"]["tau_s_interval"].is_null());
+    assert!(text(&["tune", "--from", path]).contains("warning   the response is about 0.04"));
+    // Counting backwards.
+    fs::write(path, format!("time_s,input_v,speed\n{}", late.replace(",5,", ",-5,"))).unwrap();
+    assert!(text(&["identify", "--from", path]).contains("the encoder counts backwards"));
+    let refused = complaint(&["tune", "--from", path]);
+    assert!(refused.contains("the encoder counts backwards"), "{refused}");
+}
+
+#[test]
+fn the_papers_printed_laws_are_described() {
+    let tune = |board: &str, set: &[&str]| {
+        let set: Vec<&str> = set.iter().flat_map(|set| ["--set", set]).collect();
+        text(&[&["tune", board][..], &set].concat())
+    };
+    let literal = tune("transverse", &["transverse.controller.form=literal", "transverse.controller.k2=1"]);
+    assert!(literal.contains("as it is: the loop is unstable: largest pole 1.1412"), "{literal}");
+    assert!(literal.contains("controller.form = \"pid\""), "{literal}");
+    let lead = tune("spindle", &["spindle.controller.form=literal"]);
+    assert!(lead.contains("as it is: 70.1 % of the set point are missing in the end"), "{lead}");
+    // What takes long is watched for long.
+    let slow = tune("spindle", &["spindle.plant.tau_s=30"]);
+    let rise = slow.lines().find(|line| line.starts_with("rise, s")).unwrap();
+    assert!(!rise.contains(" - "), "{slow}");
+    let calm = text(&["tune", "transverse", "--phase-margin", "90"]);
+    assert!(calm.lines().any(|line| line.starts_with("small step: rise, s") && !line.contains(" - ")), "{calm}");
 }

@@ -4,9 +4,9 @@ use std::fmt::{self, Write as _};
 
 use anstyle::{AnsiColor, Style};
 use serde::Serialize;
-use torno_identify::design::{Lead, Pid};
+use torno_identify::design::{Lead, Pid, Printed};
 use torno_identify::discrete::Discrete;
-use torno_identify::{Finding, FirstOrder, response};
+use torno_identify::{Complex, Finding, FirstOrder, response};
 use torno_protocol::board::Stimulus;
 use torno_protocol::time::{Instant, Span};
 
@@ -16,19 +16,25 @@ use crate::engine::Fact;
 use crate::pc::PcUart;
 use crate::report::plot::{Figure, Panel, Series, Style as Drawn};
 use crate::rig::file::RigFile;
-use crate::rig::kinds::motor::Law;
+use crate::rig::kinds::motor::{Form, Law, Motor};
 use crate::rig::{Driver, Rig, RigError};
 
 /// Samples of a step response that is looked at, at least; and in time constants of the motor.
 const SAMPLES: (usize, f64) = (400, 12.0);
+/// And in time constants of its slowest pole.
+const POLES: f64 = 8.0;
 /// The speed that the main motor is sent to, in the frame's unit of 20 rpm: 2000 rpm. (Ours.)
 const SPEED: u8 = 100;
 /// The feed's move: 9000 counts at 112 counts a sample, ten revolutions. (Ours.)
 const MOVE: [u8; 4] = [112, 0x23, 0x28, 0];
 /// How far that is.
 const DISTANCE: f64 = 9_000.0;
-/// The rig is watched for so long, in s.
+/// The rig is watched for so long, in s, at least and at most; and in time constants of the motor.
 const WATCHED: u64 = 20;
+const LONGEST: u64 = 600;
+const TAUS: f64 = 6.0;
+/// Where a board's settings have the form of its law.
+const FORM: &str = "controller.form";
 /// Counted speeds are averaged over so many windows, foretold and seen alike: one count is a large part of 2 %. (Ours.)
 const MEAN_OF: usize = 8;
 /// The frame is sent at this time.
@@ -99,16 +105,19 @@ fn rounded(number: f64) -> f64 {
 pub struct Forecast {
     /// The closed loop's poles in z: real and imaginary parts, the largest modulus first.
     pub poles: Vec<[f64; 2]>,
-    /// Where the open loop's gain is 1, in rad/s.
-    pub crossover_rad_per_s: f64,
+    /// Where the open loop's gain is 1, in rad/s; none if it is below 1 at every frequency.
+    pub crossover_rad_per_s: Option<f64>,
     /// In degrees.
-    pub phase_margin_deg: f64,
+    pub phase_margin_deg: Option<f64>,
     /// In dB; none if no gain is too much.
     pub gain_margin_db: Option<f64>,
     /// The time by which the loop may still be late, in s.
-    pub delay_margin_s: f64,
+    pub delay_margin_s: Option<f64>,
     /// The response to a step so small that the drive stays off its limits.
     pub small_step: Option<Indices>,
+    /// What is missing in the end, in % of the set point; none if nothing is.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub standing_error_percent: Option<f64>,
 }
 
 /// What one says of a step response.
@@ -135,25 +144,35 @@ impl Forecast {
     /// # Errors
     /// [`Finding::Unstable`] if the loop is.
     pub fn of(controller: &Controller, model: &FirstOrder, period: f64) -> Result<Self, Finding> {
-        let open = controller.open_loop(model, period);
-        response::check_stable(&open)?;
-        let margins = response::margins(&open).ok_or(Finding::NoConvergence)?;
-        let step = open.closed().step(samples(model, period));
+        Self::of_loop(&controller.open_loop(model, period), model)
+    }
+
+    /// Of an open loop with this motor.
+    fn of_loop(open: &Discrete, model: &FirstOrder) -> Result<Self, Finding> {
+        response::check_stable(open)?;
+        let (period, margins) = (open.period, response::margins(open));
+        let step = open.closed().step(samples(open, model));
+        // A loop without an integrator settles, too, only elsewhere.
+        let end = open.closed().at(Complex::new(1.0, 0.0)).re;
         let points: Vec<(f64, f64)> = (0..).zip(step).map(|(n, y)| (period * f64::from(n), y)).collect();
         Ok(Self {
             poles: open.closed_poles().iter().map(|pole| [pole.re, pole.im]).collect(),
-            crossover_rad_per_s: margins.crossover,
-            phase_margin_deg: margins.phase,
-            gain_margin_db: margins.gain_db(),
-            delay_margin_s: margins.delay(),
-            small_step: response::of_step(&points, 0.0, 1.0).map(Indices::from),
+            crossover_rad_per_s: margins.map(|margins| margins.crossover),
+            phase_margin_deg: margins.map(|margins| margins.phase),
+            gain_margin_db: margins.and_then(|margins| margins.gain_db()),
+            delay_margin_s: margins.map(|margins| margins.delay()),
+            small_step: response::of_step(&points, 0.0, end).map(Indices::from),
+            standing_error_percent: Some(100.0 * (1.0 - end)).filter(|error| error.abs() > 1e-6),
         })
     }
 }
 
-fn samples(model: &FirstOrder, period: f64) -> usize {
+/// How long its slowest pole takes, too.
+fn samples(open: &Discrete, model: &FirstOrder) -> usize {
     let (least, taus) = SAMPLES;
-    least.max((taus * model.tau / period) as usize).min(100_000)
+    let slowest = open.closed_poles().first().map_or(0.0, |pole| libm::hypot(pole.re, pole.im));
+    let long = (taus * model.tau / open.period).max(POLES / (1.0 - slowest).max(1e-9));
+    least.max(long as usize).min(100_000)
 }
 
 /// What was seen on the rig.
@@ -186,6 +205,9 @@ pub struct Tuning {
     pub motor: Identification,
     /// `lead` or `pid`.
     pub law: &'static str,
+    /// The form of the law that is to be set, where the board has another.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub form: Option<&'static str>,
     /// What is to be set, by the names of the board's settings where there is a board.
     pub settings: Vec<(String, f64)>,
     /// What it will do.
@@ -217,12 +239,6 @@ pub enum TuneError {
     /// The motor is switched, not regulated.
     #[error("board '{board}' is switched on and off: there is nothing to tune")]
     OnOff {
-        /// The board.
-        board: String,
-    },
-    /// Its law is one that shows what is wrong in the paper.
-    #[error("board '{board}' has its controller in one of the paper's printed forms: set {board}.controller.form back")]
-    AsPrinted {
         /// The board.
         board: String,
     },
@@ -258,10 +274,8 @@ impl Tuning {
         {
             return Err(TuneError::OnOff { board: board.clone() });
         }
-        if let Some((_, Subject { board, motor, .. })) = on_rig
-            && motor.as_printed
-        {
-            return Err(TuneError::AsPrinted { board: board.clone() });
+        if model.gain < 0.0 {
+            return Err(Finding::Backwards { gain: model.gain }.into());
         }
         let controller = Controller::design(motor.axis, &model, period, margin)?;
         let forecast = Forecast::of(&controller, &model, period)?;
@@ -273,10 +287,12 @@ impl Tuning {
             Some(Law::Lead(settings) | Law::Pid(settings)) => settings.map(|(name, _)| name),
             _ => names,
         };
+        let form = on_rig.and_then(|(_, subject)| subject.motor.printed.map(|_| working_form(&controller)));
         let settings: Vec<(String, f64)> = names.map(str::to_owned).into_iter().zip(controller.values()).collect();
         let mut tuning = Self {
             motor,
             law,
+            form,
             settings,
             forecast,
             present: None,
@@ -294,46 +310,81 @@ impl Tuning {
     }
 
     async fn show(&mut self, file: &RigFile, subject: &Subject, model: &FirstOrder) -> Result<(), TuneError> {
-        let present = Controller::of(&subject.motor.law);
-        match present.map(|controller| Forecast::of(&controller, model, self.motor.period_s)) {
-            Some(Ok(forecast)) => self.present = Some(forecast),
-            Some(Err(finding)) => self.present_finding = Some(finding.to_string()),
-            None => {}
+        match present_loop(&subject.motor, model, self.motor.period_s) {
+            Some(open) => match Forecast::of_loop(&open, model) {
+                Ok(forecast) => self.present = Some(forecast),
+                Err(finding) => self.present_finding = Some(finding.to_string()),
+            },
+            None => self.present_finding = Some("there is no loop: the set point is the drive".to_owned()),
         }
         if let Controller::Lead(lead) = self.controller {
             let wanted = f64::from(SPEED) * 20.0 * core::f64::consts::TAU / 60.0;
-            let windows = (WATCHED as f64 / self.motor.period_s) as usize;
+            let windows = (watched(model) as f64 / self.motor.period_s) as usize;
             let path = lead.simulate(model, self.motor.period_s, [0.0, wanted], subject.motor.full.0, windows);
             let path =
                 smooth(&path.into_iter().map(|(t, y)| (t, 60.0 * y / core::f64::consts::TAU)).collect::<Vec<_>>());
             self.foretold = response::of_step(&path, 0.0, f64::from(SPEED) * 20.0).map(Indices::from);
             self.foretold_path = path;
         }
-        let tuned = with_settings(file, subject, &self.settings)?;
-        self.shown = Some(watch(&tuned, subject).await?);
-        self.shown_present = Some(watch(file, subject).await?);
+        let tuned = with_settings(file, subject, self.form, &self.settings)?;
+        let seconds = watched(model);
+        self.shown = Some(watch(&tuned, subject, seconds).await?);
+        self.shown_present = Some(watch(file, subject, seconds).await?);
         Ok(())
     }
 }
 
 /// The rig with other settings of one board.
-fn with_settings(file: &RigFile, subject: &Subject, settings: &[(String, f64)]) -> Result<RigFile, TuneError> {
+fn with_settings(
+    file: &RigFile,
+    subject: &Subject,
+    form: Option<&str>,
+    settings: &[(String, f64)],
+) -> Result<RigFile, TuneError> {
     let board = &subject.board;
-    settings.iter().try_fold(file.clone(), |file, (name, value)| {
-        let set = file.with(&format!("{board}.{name}"), &value.to_string());
+    let values = settings.iter().map(|(name, value)| (name.as_str(), value.to_string()));
+    let form = form.map(|form| (FORM, form.to_owned()));
+    form.into_iter().chain(values).try_fold(file.clone(), |file, (name, value)| {
+        let set = file.with(&format!("{board}.{name}"), &value);
         set.map_err(|message| TuneError::Settings { board: board.clone(), message })
     })
 }
 
+/// The form of a law that works.
+const fn working_form(controller: &Controller) -> &'static str {
+    match controller {
+        Controller::Lead(_) => "incremental",
+        Controller::Pid(_) => "pid",
+    }
+}
+
+/// The loop as the board has it now, in whatever form; None if there is none.
+fn present_loop(motor: &Motor, model: &FirstOrder, period: f64) -> Option<Discrete> {
+    let controller = Controller::of(&motor.law)?;
+    let printed = match (motor.printed, controller) {
+        (None, _) => return Some(controller.open_loop(model, period)),
+        (Some(Form::Lead), Controller::Lead(lead)) => Printed::Lead(lead),
+        (Some(Form::Pid), Controller::Pid(pid)) => Printed::Pid(pid),
+        (Some(Form::Proportional(k)), _) => Printed::Proportional(k),
+        _ => return None,
+    };
+    Some(printed.open_loop(model, period))
+}
+
+/// How long the rig is watched, in s: until a slow motor has got there, too.
+fn watched(model: &FirstOrder) -> u64 {
+    ((TAUS * model.tau).ceil() as u64).clamp(WATCHED, LONGEST)
+}
+
 /// Lets the PC send a frame, and watches the motor.
-async fn watch(file: &RigFile, subject: &Subject) -> Result<Seen, RigError> {
+async fn watch(file: &RigFile, subject: &Subject, seconds: u64) -> Result<Seen, RigError> {
     let pc = PcUart::new(file.pc.baud, file.pc.tx_fifo, file.pc.clock);
     let mut rig = Rig::start(file, &Driver::InProcess, pc).await?;
     let frame =
         if subject.is_axis() { [&[0], &MOVE[..], &[0, 0, 0]].concat() } else { [&[SPEED][..], &[0; 7]].concat() };
     let node = rig.pc();
     rig.stimulate(node, Instant::START + SENT.max(file.margin()), Stimulus::Write(frame));
-    rig.settle(Instant::START + Span::from_secs(WATCHED)).await?;
+    rig.settle(Instant::START + Span::from_secs(seconds)).await?;
     let signals: Vec<String> =
         rig.nodes()[subject.node].description.signals.iter().map(|signal| signal.name.clone()).collect();
     let mut history = Vec::new();
@@ -345,19 +396,19 @@ async fn watch(file: &RigFile, subject: &Subject) -> Result<Seen, RigError> {
         }
     }
     history.sort_by_key(|(at, ..)| *at);
-    Ok(Seen::of(subject, &signals, &history))
+    Ok(Seen::of(subject, &signals, &history, seconds))
 }
 
 impl Seen {
     /// Of a board's telemetry, which tells changes only.
-    fn of(subject: &Subject, signals: &[String], history: &[(Instant, usize, f64)]) -> Self {
+    fn of(subject: &Subject, signals: &[String], history: &[(Instant, usize, f64)], seconds: u64) -> Self {
         let place = |name: &str| signals.iter().position(|signal| signal == name);
         let period = f64::from(subject.motor.period_ms) / 1_000.0;
         // As it is at each sample.
         let sampled = |name: &str| -> Vec<(f64, f64)> {
             let mut changes = history.iter().filter(|(_, signal, _)| Some(*signal) == place(name)).peekable();
             let mut value = 0.0;
-            let count = (WATCHED as f64 / period) as u32;
+            let count = (seconds as f64 / period) as u32;
             let sample = |n: u32| {
                 let t = period * f64::from(n);
                 while let Some((_, _, next)) = changes.next_if(|(at, ..)| at.as_secs_f64() <= t + 0.5 * period) {
@@ -427,6 +478,9 @@ impl Tuning {
         writeln!(text, "{:<10}{bold}{subject}{bold:#}: {what}, sampled every {} ms", "motor", short(1e3 * period_s))?;
         writeln!(text, "{:<10}{} {} per {}", "gain", digits(result.gain), units.speed, units.input)?;
         writeln!(text, "{:<10}{} s", "tau", digits(result.tau_s))?;
+        for warning in &result.warnings {
+            writeln!(text, "{warn}{:<10}{warning}{warn:#}", "warning")?;
+        }
         let law = if *axis { "PID (Eq 13, 14)" } else { "lead compensator, incremental (Eq 7)" };
         writeln!(text, "{:<10}{law}: {bold}{}{bold:#}", "proposed", self.controller)?;
         writeln!(text)?;
@@ -438,14 +492,32 @@ impl Tuning {
             let of = |forecast: Option<&Forecast>| forecast.and_then(number).unwrap_or_else(|| "-".to_owned());
             writeln!(text, "{name:<30}{:>12}{}", of(Some(&self.forecast)), beside(of(present)))
         };
-        line("crossover, rad/s", &|f| Some(format!("{:.2}", f.crossover_rad_per_s)))?;
-        line("phase margin, degrees", &|f| Some(format!("{:.1}", f.phase_margin_deg)))?;
+        line("crossover, rad/s", &|f| f.crossover_rad_per_s.map(|omega| format!("{omega:.2}")))?;
+        line("phase margin, degrees", &|f| f.phase_margin_deg.map(|phase| format!("{phase:.1}")))?;
         line("gain margin, dB", &|f| f.gain_margin_db.map(|db| format!("{db:.1}")))?;
-        line("delay margin, ms", &|f| Some(format!("{:.0}", 1e3 * f.delay_margin_s)))?;
+        line("delay margin, ms", &|f| f.delay_margin_s.map(|delay| format!("{:.0}", 1e3 * delay)))?;
         line("largest pole", &|f| f.poles.first().map(|[re, im]| format!("{:.4}", libm::hypot(*re, *im))))?;
         line("small step: rise, s", &|f| f.small_step.map(|step| format!("{:.3}", step.rise_s)))?;
         line("  settling (2 %), s", &|f| f.small_step.map(|step| format!("{:.3}", step.settling_s)))?;
         line("  overshoot, %", &|f| f.small_step.map(|step| format!("{:.1}", step.overshoot_percent)))?;
+        for (name, forecast) in [("proposed", Some(&self.forecast)), ("as it is", present)] {
+            let Some(forecast) = forecast else { continue };
+            if forecast.crossover_rad_per_s.is_none() {
+                writeln!(
+                    text,
+                    "{warn}{name}: the loop's gain is below 1 at every frequency: there are no margins{warn:#}"
+                )?;
+            }
+            if forecast.small_step.is_none() {
+                writeln!(
+                    text,
+                    "{warn}{name}: the small step does not settle within 8 time constants of its slowest pole{warn:#}"
+                )?;
+            }
+            if let Some(error) = forecast.standing_error_percent {
+                writeln!(text, "{warn}{name}: {error:.1} % of the set point are missing in the end{warn:#}")?;
+            }
+        }
         if let Some(finding) = &self.present_finding {
             writeln!(text, "{warn}as it is: {finding}{warn:#}")?;
         }
@@ -455,6 +527,9 @@ impl Tuning {
         }
         writeln!(text)?;
         writeln!(text, "{dim}to be set{dim:#}")?;
+        if let Some(form) = self.form {
+            writeln!(text, "  {FORM} = {form:?}")?;
+        }
         for (name, value) in &self.settings {
             writeln!(text, "  {name} = {value:?}")?;
         }
@@ -474,6 +549,12 @@ impl Tuning {
             for (name, number, digits) in lines {
                 writeln!(text, "{name:<30}{:>12} {:>12}", cell(number(shown), digits), cell(number(present), digits))?;
             }
+            for (name, seen) in [("proposed", shown), ("as it is", present)] {
+                if seen.in_position_s.is_none() {
+                    let seconds = watched(&self.motor.result.model());
+                    writeln!(text, "{name}: it does not come to stay within a count in {seconds} s")?;
+                }
+            }
             return Ok(());
         }
         let head = format!("0 to {} rpm on the rig", u32::from(SPEED) * 20);
@@ -487,6 +568,12 @@ impl Tuning {
             let of = |step: &Option<Indices>| cell(step.as_ref().map(number), digits);
             let (shown, present, foretold) = (of(&shown.step), of(&present.step), of(&self.foretold));
             writeln!(text, "{name:<30}{shown:>12} {present:>12} {foretold:>12}")?;
+        }
+        for (name, step) in [("proposed", shown.step), ("as it is", present.step), ("foretold", self.foretold)] {
+            if step.is_none() {
+                let seconds = watched(&self.motor.result.model());
+                writeln!(text, "{name}: it does not get there and stay within {seconds} s")?;
+            }
         }
         Ok(())
     }
@@ -502,7 +589,8 @@ impl Tuning {
         let title = format!("{}: {}", self.motor.subject, self.controller);
         let (Some(shown), Some(present)) = (&self.shown, &self.shown_present) else {
             let (model, period) = (self.motor.result.model(), self.motor.period_s);
-            let step = self.controller.open_loop(&model, period).closed().step(samples(&model, period));
+            let open = self.controller.open_loop(&model, period);
+            let step = open.closed().step(samples(&open, &model));
             let points: Vec<(f64, f64)> = (0..).zip(step).map(|(n, y)| (period * f64::from(n), y)).collect();
             let settled = self.forecast.small_step.map_or(f64::MAX, |step| 2.0 * step.settling_s);
             let points = points.into_iter().filter(|(t, _)| *t <= settled).collect();

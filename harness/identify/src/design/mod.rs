@@ -5,9 +5,11 @@
 
 mod lead;
 mod pid;
+mod printed;
 
 pub use lead::Lead;
 pub use pid::Pid;
+pub use printed::Printed;
 
 /// The phase margin where nobody asks for another, in degrees. (Ours.)
 pub const PHASE_MARGIN: f64 = 60.0;

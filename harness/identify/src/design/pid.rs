@@ -13,6 +13,9 @@ const CROSSOVER: f64 = 0.375;
 /// The integral is so much slower than the crossover: Ti·ωc. (Ours: it is for standing loads, not for speed.)
 const INTEGRAL: f64 = 30.0;
 
+/// The zero K1/K3 is no more than so much slower than the crossover: from there to it, the axis creeps. (Ours.)
+const SLOWEST: f64 = 4.0;
+
 /// u(k) = K1·x(k) + K2·I(k) + K3/T·(x(k) − x(k−1)), I(k) = I(k−1) + T·x(k).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pid {
@@ -52,7 +55,8 @@ impl Pid {
         let gains =
             Matrix2::new(steady.re, slope.re, steady.im, slope.im).lu().solve(&Vector2::new(wanted.re, wanted.im))?;
         let pid = Self { k1: gains[0], k2: gains[0] / ti, k3: gains[1] };
-        (pid.k1 > 0.0 && pid.k3 >= 0.0).then_some(pid)
+        // With hardly anything but a derivative the axis would never get there.
+        (pid.k1 > 0.0 && pid.k3 >= 0.0 && pid.k1 * SLOWEST > pid.k3 * crossover).then_some(pid)
     }
 
     /// The PID and the axis.
@@ -88,12 +92,28 @@ mod tests {
     #[test]
     fn a_designed_pid_has_the_margin_that_was_asked_for() {
         for (gain, tau, period) in [(29.41, 0.71875, 0.030), (29.41, 0.71875, 0.005), (2.0, 0.1, 0.010)] {
-            for wanted in [45.0, 60.0] {
+            for wanted in [45.0, 60.0, 75.0, 85.0, 88.0] {
                 let axis = FirstOrder { gain, tau };
                 let open = Pid::design(&axis, period, wanted).unwrap().open_loop(&axis, period);
                 check_stable(&open).unwrap();
                 assert!((margins(&open).unwrap().phase - wanted).abs() < 0.1, "{gain} {tau} {period} {wanted}");
             }
+        }
+    }
+
+    /// More phase is bought with a lower crossover; the axis gets there all the same, and without creeping for long.
+    #[test]
+    fn a_large_margin_is_slow_and_not_for_ever() {
+        let mut before = f64::MAX;
+        for wanted in [60.0, 75.0, 80.0, 85.0, 88.0, 90.0] {
+            let open = Pid::design(&AXIS, 0.030, wanted).unwrap().open_loop(&AXIS, 0.030);
+            let crossover = margins(&open).unwrap().crossover;
+            assert!(crossover <= before, "{wanted}: {crossover} after {before}");
+            before = crossover;
+            let points: Vec<(f64, f64)> =
+                (0..).zip(open.closed().step(2_000)).map(|(n, y)| (0.030 * f64::from(n), y)).collect();
+            let step = crate::response::of_step(&points, 0.0, 1.0).unwrap();
+            assert!(step.rise < 1.0 && step.settling < 20.0, "{wanted}: {step:?}");
         }
     }
 

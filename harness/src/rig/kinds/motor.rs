@@ -44,7 +44,20 @@ pub struct Motor {
     /// What regulates it.
     pub law: Law,
     /// Its law is in one of the forms that show what is wrong in the paper.
-    pub as_printed: bool,
+    pub printed: Option<Form>,
+}
+
+/// A form of a law that is not the working one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Form {
+    /// A lead compensator without its integrator: Eq. 7 at its word, or with feed-forward.
+    Lead,
+    /// Eq. 15 at its word.
+    Pid,
+    /// Fig. 9, with its gain Kch in units of drive per count.
+    Proportional(f64),
+    /// No loop.
+    Open,
 }
 
 /// The motor of a board of that kind with these settings (TOML); None if it has none.
@@ -68,7 +81,7 @@ pub fn motor(kind: &str, settings: &str) -> Result<Option<Motor>, KindError> {
                 ("controller.beta", controller.beta),
                 ("controller.k", controller.k),
             ]),
-            as_printed: controller.form != LeadForm::Incremental,
+            printed: (controller.form != LeadForm::Incremental).then_some(Form::Lead),
         }),
         Settings::Transverse(settings) => {
             let controller = &settings.controller;
@@ -86,7 +99,12 @@ pub fn motor(kind: &str, settings: &str) -> Result<Option<Motor>, KindError> {
                     ("controller.k2", controller.k2),
                     ("controller.k3", controller.k3),
                 ]),
-                as_printed: controller.form != PositionForm::Pid,
+                printed: match controller.form {
+                    PositionForm::Pid => None,
+                    PositionForm::Literal => Some(Form::Pid),
+                    PositionForm::Characterisation => Some(Form::Proportional(controller.kch)),
+                    PositionForm::Open => Some(Form::Open),
+                },
             })
         }
         Settings::Depth(settings) => Some(Motor {
@@ -98,7 +116,7 @@ pub fn motor(kind: &str, settings: &str) -> Result<Option<Motor>, KindError> {
             input_unit: "on",
             travel: Some((settings.plant.travel_mm * settings.slots_per_mm() / 2.0) as u32),
             law: Law::OnOff,
-            as_printed: false,
+            printed: None,
         }),
     })
 }
