@@ -11,6 +11,12 @@ const WIDTH: u32 = 960;
 const HEIGHT: f64 = 420.0;
 /// The height of the title, in px.
 const TITLE: u32 = 44;
+/// Where a panel's axis is, in px.
+const LEFT: i32 = 84;
+/// What a name in the legend takes beside its letters, and the height of a row, in px.
+const LEGEND: (i32, i32) = (56, 18);
+/// A letter's width, in px, about.
+const LETTER: f64 = 7.0;
 /// Colours that are told apart by most eyes (Okabe and Ito).
 const COLOURS: [RGBColor; 6] = [
     RGBColor(0, 114, 178),
@@ -193,13 +199,8 @@ impl Panel {
     fn draw(&self, area: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>) -> Result<(), PlotError> {
         let all = || self.series.iter().flat_map(|series| &series.points);
         let x = range(all().map(|(x, _)| *x), 0.0);
-        let mut y = range(all().map(|(_, y)| *y), 0.06);
-        let legend = self.series.len() > 1;
-        let (corner, crowd) = self.free_corner();
-        if legend && crowd > 0 {
-            // No corner is free: room is made above.
-            y.1 += (y.1 - y.0) * (0.04 + 0.08 * self.series.len() as f64 / self.height);
-        }
+        let y = range(all().map(|(_, y)| *y), 0.06);
+        let area = &self.legend(area)?;
         let label = ("sans-serif", 14).into_font();
         let mut chart = ChartBuilder::on(area)
             .margin(12)
@@ -223,73 +224,61 @@ impl Panel {
             .y_label_formatter(&|y| number(*y))
             .draw()
             .map_err(PlotError::of)?;
-        let mut colours = COLOURS.iter().cycle();
-        for series in &self.series {
+        for (series, colour) in self.series.iter().zip(self.colours()) {
             let points = series.points.iter().copied();
+            let line = colour.stroke_width(2);
             match series.style {
                 Style::Dots => {
-                    let dots = points.map(|point| Circle::new(point, 2, DATA.mix(0.7).filled()));
-                    chart
-                        .draw_series(dots)
-                        .map_err(PlotError::of)?
-                        .label(series.name.as_str())
-                        .legend(|(x, y)| Circle::new((x + 12, y), 3, DATA.filled()));
+                    chart.draw_series(points.map(|point| Circle::new(point, 2, colour.mix(0.7).filled()))).map(|_| ())
                 }
-                Style::Line | Style::Steps => {
-                    let style = colours.next().unwrap_or(&BLACK).stroke_width(2);
-                    chart
-                        .draw_series(LineSeries::new(points, style))
-                        .map_err(PlotError::of)?
-                        .label(series.name.as_str())
-                        .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 24, y)], style));
-                }
-                Style::Dashed => {
-                    let style = colours.next().unwrap_or(&BLACK).stroke_width(2);
-                    chart
-                        .draw_series(DashedLineSeries::new(points, 7, 5, style))
-                        .map_err(PlotError::of)?
-                        .label(series.name.as_str())
-                        .legend(move |(x, y)| {
-                            plotters::element::DashedPathElement::new(vec![(x, y), (x + 24, y)], 7, 5, style)
-                        });
-                }
+                Style::Line | Style::Steps => chart.draw_series(LineSeries::new(points, line)).map(|_| ()),
+                Style::Dashed => chart.draw_series(DashedLineSeries::new(points, 7, 5, line)).map(|_| ()),
             }
-        }
-        if legend {
-            let corner = if crowd > 0 { SeriesLabelPosition::UpperLeft } else { corner };
-            chart
-                .configure_series_labels()
-                .position(corner)
-                .legend_area_size(32)
-                .margin(12)
-                .label_font(label)
-                .background_style(WHITE.mix(0.85))
-                .border_style(RGBColor(200, 200, 200))
-                .draw()
-                .map_err(PlotError::of)?;
+            .map_err(PlotError::of)?;
         }
         Ok(())
     }
 
-    /// The corner with the fewest points in it, and how many.
-    fn free_corner(&self) -> (SeriesLabelPosition, usize) {
-        let all = || self.series.iter().flat_map(|series| &series.points);
-        let (x, y) = (range(all().map(|(x, _)| *x), 0.0), range(all().map(|(_, y)| *y), 0.0));
-        let share = |value: f64, range: &(f64, f64)| (value - range.0) / (range.1 - range.0);
-        let count = |right: bool, above: bool| {
-            let inside = |(px, py): &&(f64, f64)| {
-                let (px, py) = (share(*px, &x), share(*py, &y));
-                (if right { px > 0.6 } else { px < 0.4 }) && (if above { py > 0.55 } else { py < 0.45 })
-            };
-            all().filter(inside).count()
+    /// Data are grey; each of the others has a colour of its own.
+    fn colours(&self) -> impl Iterator<Item = RGBColor> {
+        let mut colours = COLOURS.iter().cycle();
+        self.series.iter().map(move |series| match series.style {
+            Style::Dots => DATA,
+            _ => *colours.next().unwrap_or(&BLACK),
+        })
+    }
+
+    /// Draws the legend at the top, where it covers nothing, if there is more than one series; gives what is left.
+    fn legend<'a>(
+        &self,
+        area: &DrawingArea<SVGBackend<'a>, plotters::coord::Shift>,
+    ) -> Result<DrawingArea<SVGBackend<'a>, plotters::coord::Shift>, PlotError> {
+        if self.series.len() < 2 {
+            return Ok(area.clone());
+        }
+        let (mut x, mut rows) = (LEFT, 1);
+        let place = |series: &Series| {
+            let width = LEGEND.0 + (series.name.chars().count() as f64 * LETTER) as i32;
+            if x > LEFT && x + width > WIDTH as i32 {
+                (x, rows) = (LEFT, rows + 1);
+            }
+            let at = (x, rows * LEGEND.1);
+            x += width;
+            at
         };
-        let corners = [
-            (SeriesLabelPosition::LowerRight, count(true, false)),
-            (SeriesLabelPosition::UpperRight, count(true, true)),
-            (SeriesLabelPosition::UpperLeft, count(false, true)),
-            (SeriesLabelPosition::LowerLeft, count(false, false)),
-        ];
-        corners.into_iter().min_by_key(|(_, count)| *count).unwrap_or((SeriesLabelPosition::LowerRight, 0))
+        let places: Vec<(i32, i32)> = self.series.iter().map(place).collect();
+        for ((series, colour), (x, y)) in self.series.iter().zip(self.colours()).zip(places) {
+            let (line, ends) = (colour.stroke_width(2), vec![(x, y), (x + 24, y)]);
+            match series.style {
+                Style::Dots => area.draw(&Circle::new((x + 12, y), 3, colour.filled())),
+                Style::Line | Style::Steps => area.draw(&PathElement::new(ends, line)),
+                Style::Dashed => area.draw(&plotters::element::DashedPathElement::new(ends, 7, 5, line)),
+            }
+            .map_err(PlotError::of)?;
+            let words = ("sans-serif", 14).into_font();
+            area.draw(&Text::new(series.name.clone(), (x + 32, y - 7), words)).map_err(PlotError::of)?;
+        }
+        Ok(area.split_vertically(rows * LEGEND.1).1)
     }
 }
 
@@ -353,6 +342,26 @@ mod tests {
             Axis((-0.3, 0.3)).key_points(4).iter().map(|x| number(*x)).collect::<Vec<_>>(),
             ["-0.2", "0", "0.2"]
         );
+    }
+
+    /// It stands above its panel, in as many rows as it needs.
+    #[test]
+    fn the_legend_covers_nothing() {
+        let series = |name: &str| Series::new(name, Style::Line, vec![(0.0, 0.0), (1.0, 1.0)]);
+        let long = "tp and ts, Eq 8-10 (the paper's), and then some";
+        let panel = Panel { x: String::new(), y: String::new(), height: 0.6, series: vec![series(long); 4] };
+        let svg = Figure { title: String::new(), panels: vec![panel] }.svg().unwrap();
+        let y = |line: &str| line.split("y=\"").nth(1).and_then(|y| y.split('"').next()?.parse::<f64>().ok());
+        let lines: Vec<&str> = svg.split("<text").collect();
+        let texts: Vec<f64> =
+            lines.windows(1).filter(|line| line[0].contains("Eq 8-10")).filter_map(|line| y(line[0])).collect();
+        assert!(texts.len() == 4 && texts[0] == texts[1] && texts[2] > texts[1], "{texts:?}");
+        // Nothing of the panel reaches up there.
+        let curve = svg.split("points=\"").skip(1).flat_map(|points| points.split('"').next().unwrap().split(' '));
+        let above = curve.filter_map(|point| point.split_once(',')?.1.parse::<f64>().ok());
+        let legend = texts[3] + 7.0;
+        let drawn = above.filter(|y| *y > f64::from(TITLE) + 45.0).fold(f64::MAX, f64::min);
+        assert!(drawn > legend, "{drawn} {legend}");
     }
 
     #[test]
