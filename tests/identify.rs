@@ -72,8 +72,9 @@ fn the_main_motor_is_what_the_paper_says() {
     near(&row(&found, "step", "eq4")["tau_s"], 2.8, 3.0);
     assert!(row(&found, "step", "arx-ls")["tau_s"].as_f64().unwrap() < 0.96 * 2.8);
     near(&row(&found, "PRBS", "arx-iv")["tau_s"], 2.8, 1.5);
-    [("step", "nls"), ("PRBS", "nls"), ("PRBS", "arx-iv")]
-        .map(|(input, method)| holds(row(&found, input, method), 19.0, 2.8));
+    for (input, method) in [("step", "nls"), ("PRBS", "nls"), ("PRBS", "arx-iv")] {
+        holds(row(&found, input, method), 19.0, 2.8);
+    }
 }
 
 /// §4, Eq. 8 to 11: tp and ts give 1.925 rad/s and 0.361, and the motor behind it is 2.664/(s(0.71875 s + 1)).
@@ -89,8 +90,9 @@ fn the_feed_motor_is_what_the_paper_says() {
     near(&row(&found, "step", "closed-nls")["xi"], 0.361_327, 0.2);
     near(&row(&found, "PRBS", "arx-iv")["gain"], 7_500.0 / 255.0, 0.2);
     // Rounding is the only noise here, and not random: an axis that has come to rest counts the same for ever.
-    let rows = [("step", "nls"), ("PRBS", "nls"), ("PRBS", "arx-iv")];
-    rows.map(|(input, method)| holds(row(&found, input, method), 7_500.0 / 255.0, 0.718_75));
+    for (input, method) in [("step", "nls"), ("PRBS", "nls"), ("PRBS", "arx-iv")] {
+        holds(row(&found, input, method), 7_500.0 / 255.0, 0.718_75);
+    }
 }
 
 #[test]
