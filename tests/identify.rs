@@ -203,6 +203,9 @@ fn a_rig_that_cannot_be_identified_says_why() {
         (vec!["spindle", "--seconds", "0"], "seconds 0: expected 1 to 3600"),
         (vec!["spindle", "--seconds", "2"], "the data are too short: they end after"),
         (vec!["servo", "servo"], "there is no room to drive it freely"),
+        (vec!["lathe-dspic", "dspic"], "expected one of dspic.spindle, dspic.transverse, dspic.depth"),
+        (vec!["lathe-dspic", "dspic.spindel"], "on board 'dspic': did you mean 'spindle'?"),
+        (vec!["spindle.spindle"], "there is no motor 'spindle' on board 'spindle'"),
         (vec!["depth"], "the encoder is too coarse to see the lag"),
         (vec!["spindle", "--input", "step", "--method", "arx-iv"], "cannot be used on such data"),
         (vec![], "required"),
@@ -350,4 +353,20 @@ fn the_papers_printed_laws_are_described() {
     assert!(!rise.contains(" - "), "{slow}");
     let calm = text(&["tune", "transverse", "--phase-margin", "90"]);
     assert!(calm.lines().any(|line| line.starts_with("small step: rise, s") && !line.contains(" - ")), "{calm}");
+}
+
+/// The laws and the motors are the same, and so is what is found.
+#[test]
+fn one_board_with_three_motors_is_identified_motor_by_motor() {
+    for motor in ["spindle", "transverse"] {
+        let alone = json(&output(&["identify", motor, "--json"]));
+        let board = format!("dspic.{motor}");
+        let found = json(&output(&["identify", "lathe-dspic", &board, "--json"]));
+        for number in ["gain", "tau_s"] {
+            near(&found["result"][number], alone["result"][number].as_f64().unwrap(), 0.01);
+        }
+    }
+    let found = json(&output(&["tune", "lathe-dspic", "dspic.spindle", "--json"]));
+    near(&found["shown"]["step"]["rise_s"], found["foretold"]["rise_s"].as_f64().unwrap(), 2.0);
+    near(&found["present"]["phase_margin_deg"], 61.9, 0.3);
 }

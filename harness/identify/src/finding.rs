@@ -63,8 +63,8 @@ pub enum Finding {
     },
     /// The motor stops although it is driven.
     #[error(
-        "the motor stops dead {at} s after the start, though it is driven: an end of travel, a blocked shaft, or a motor \
-         whose position, not its speed, follows the drive"
+        "the motor stops dead {at} s after the start, though it is driven: an end of travel, a blocked shaft, or a \
+         motor whose position, not its speed, follows the drive"
     )]
     StopsDead {
         /// When.
@@ -125,8 +125,8 @@ pub enum Finding {
     NoFriction,
     /// The motor answers late.
     #[error(
-        "the response is about {late} s late, or goes through a second lag: a single lag is not this motor, and its numbers \
-         are biased"
+        "the response is about {late} s late, or goes through a second lag: a single lag is not this motor, and its \
+         numbers are biased"
     )]
     Late {
         /// By how much, in s.
@@ -137,8 +137,8 @@ pub enum Finding {
     Friction,
     /// The encoder counts against the drive.
     #[error(
-        "the gain is {gain:.4}, below 0: the encoder counts backwards for a drive that is positive; swap its channels, or \
-         the motor's leads, or turn one of the signs about"
+        "the gain is {gain:.4}, below 0: the encoder counts backwards for a drive that is positive; swap its channels, \
+         or the motor's leads, or turn one of the signs about"
     )]
     Backwards {
         /// The gain.
@@ -146,8 +146,8 @@ pub enum Finding {
     },
     /// What is left has a pattern.
     #[error(
-        "what the model leaves unexplained is no noise, but has a pattern ({left} of speed, root mean square): this motor \
-         is no single lag (does it oscillate, or run into a limit, or has it something loose?)"
+        "what the model leaves unexplained is no noise, but has a pattern ({left} of speed, root mean square): this \
+         motor is no single lag (does it oscillate, or run into a limit, or has it something loose?)"
     )]
     Pattern {
         /// How much of it there is, in units of speed.

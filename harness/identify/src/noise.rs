@@ -83,7 +83,7 @@ impl Noise {
         }
         let best = 0.5 * (low + high);
         let (at, reading) = power(best);
-        // A variance from ν numbers has a likelihood that bends by ν/2, over its logarithm. Half a power on either side.
+        // A variance from ν numbers has a likelihood that bends by ν/2, over its logarithm.
         let side = 0.5 * core::f64::consts::LN_10;
         let bend = (power(best - 0.5).0 + power(best + 0.5).0 - 2.0 * at) / (side * side);
         let freedom = (2.0 * bend).clamp(3.0, rest.max(3.0));

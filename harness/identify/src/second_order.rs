@@ -9,7 +9,7 @@ use crate::{Finding, SecondOrder};
 
 /// The band of settling: 2 % (Eq. 9: ts = 4/(ξωn)).
 const BAND: f64 = 0.02;
-/// What has settled stays for this share of the time that it took. (Ours: the peak of Eq. 11 is flat for a third of it.)
+/// What has settled stays for this share of the time that it took. (Ours: at its peak, Eq. 11 stays for a third.)
 const STAYS: f64 = 0.5;
 /// Fewer samples say nothing. (Ours.)
 const LEAST: usize = 20;

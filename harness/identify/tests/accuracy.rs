@@ -145,7 +145,7 @@ fn a_binary_sequence_and_instrumental_variables_are_free_of_the_bias_that_least_
     };
     let plain = study("spindle, 10..20 V for 60 s: ARX least squares", arx::least_squares);
     assert!(mean(&plain.tau) < -3.0);
-    // Whoever takes the means away first, as is usual, takes away what holds the gain: the bias gets three times as large.
+    // Whoever takes the means away first, as is usual, takes away what holds the gain: the bias is far larger.
     let centred: Vec<Data> = data.iter().map(without_means).collect();
     let name = "the same, without the means: ARX least squares";
     let worse = Study::of(name, SPINDLE.model, centred.iter().map(arx::least_squares));

@@ -34,7 +34,7 @@ pub(super) struct Source {
     /// A built-in rig or a rig file [default: lathe]
     #[arg(required_unless_present = "from", conflicts_with = "from")]
     rig: Option<String>,
-    /// A board of it that drives a motor; a single word is one
+    /// A board of it that drives a motor, or BOARD.MOTOR if it drives several; a single word is one
     board: Option<String>,
     /// What the motor is driven with [default: both]
     #[arg(long, value_enum, conflicts_with = "from")]
@@ -42,8 +42,8 @@ pub(super) struct Source {
     /// How long it is driven, in s [default: 20 for a step (10 in a loop), 60 for a PRBS]
     #[arg(long, conflicts_with = "from")]
     seconds: Option<f64>,
-    /// The largest drive, in the motor's own unit: V of the main motor, LSB of the feed's, whose loop gets a step for it
-    /// [default: a good one]
+    /// The largest drive, in the motor's own unit: V of the main motor, LSB of the feed's, whose loop gets a step
+    /// for it [default: a good one]
     #[arg(long, conflicts_with = "from", allow_negative_numbers = true)]
     level: Option<f64>,
     /// Of the PRBS

@@ -7,7 +7,7 @@ use torno_protocol::time::Instant;
 
 use crate::engine::{Fact, NodeId};
 use crate::pc::PcUart;
-use crate::rig::file::{DEFAULT, RigFile};
+use crate::rig::file::RigFile;
 use crate::rig::kinds::KindError;
 use crate::rig::kinds::motor::{self, Encoder, Law, Motor};
 use crate::rig::{Driver, Rig, RigError};
@@ -86,10 +86,12 @@ pub struct Useless {
 pub struct Subject {
     /// The board's place in the rig.
     pub node: NodeId,
-    /// The board's name.
+    /// The board's name, with a dot and the motor's if it has several.
     pub board: String,
     /// The motor.
     pub motor: Motor,
+    /// Its place among the board's motors, if it has several.
+    place: Option<u8>,
     clock: Clock,
 }
 
@@ -115,12 +117,22 @@ pub enum BenchError {
         why: String,
     },
     /// The board drives several motors.
-    #[error("board '{board}' has several motors ({motors}): expected one with its own motor, as '{DEFAULT}' has")]
+    #[error("board '{board}' has several motors: expected one of {known}")]
     SeveralMotors {
         /// The board.
         board: String,
-        /// Their names.
-        motors: String,
+        /// Their names, as they are given.
+        known: String,
+    },
+    /// The board has no motor of that name.
+    #[error("there is no motor '{motor}' on board '{board}'{hint}")]
+    NoSuchMotor {
+        /// The motor.
+        motor: String,
+        /// The board.
+        board: String,
+        /// What could be meant.
+        hint: String,
     },
     /// A level that the drive cannot have.
     #[error("level {found}: expected above 0 and up to {full} {unit}, which is full drive")]
@@ -151,7 +163,8 @@ impl Subject {
     ///
     /// # Errors
     /// [`BenchError`] if there is no such board, or no motor on it.
-    pub fn find(file: &RigFile, board: &str) -> Result<Self, BenchError> {
+    pub fn find(file: &RigFile, subject: &str) -> Result<Self, BenchError> {
+        let (board, which) = subject.split_once('.').map_or((subject, None), |(board, motor)| (board, Some(motor)));
         let names: Vec<&str> = file.boards.iter().map(|board| board.name.as_str()).collect();
         let Some(node) = names.iter().position(|name| *name == board) else {
             let (rig, hint) = (file.name.clone(), nearest(board, &names));
@@ -159,12 +172,23 @@ impl Subject {
         };
         let found = &file.boards[node];
         let motors: Vec<&str> = found.description.motors.iter().map(|motor| motor.name.as_str()).collect();
-        if !motors.is_empty() {
-            return Err(BenchError::SeveralMotors { board: board.to_owned(), motors: motors.join(", ") });
-        }
-        let Some(motor) = motor::motor(&found.kind, &found.settings)? else {
+        let place = match which {
+            None if !motors.is_empty() => {
+                let known: Vec<String> = motors.iter().map(|motor| format!("{board}.{motor}")).collect();
+                return Err(BenchError::SeveralMotors { board: board.to_owned(), known: known.join(", ") });
+            }
+            None => None,
+            Some(which) => match motors.iter().position(|motor| *motor == which).and_then(|n| u8::try_from(n).ok()) {
+                Some(place) => Some(place),
+                None => {
+                    let (motor, hint) = (which.to_owned(), nearest(which, &motors));
+                    return Err(BenchError::NoSuchMotor { motor, board: board.to_owned(), hint });
+                }
+            },
+        };
+        let Some(motor) = motor::motor(&found.kind, &found.settings, which)? else {
             let has_motor = |other: &&crate::rig::file::Board| {
-                motor::motor(&other.kind, &other.settings).is_ok_and(|m| m.is_some())
+                motor::motor(&other.kind, &other.settings, None).is_ok_and(|m| m.is_some())
             };
             let known: Vec<&str> = file.boards.iter().filter(has_motor).map(|board| board.name.as_str()).collect();
             let expected = if known.is_empty() {
@@ -179,7 +203,12 @@ impl Subject {
             };
             return Err(BenchError::NoMotor { board: board.to_owned(), why: format!("{lacks}: {expected}") });
         };
-        Ok(Self { node, board: board.to_owned(), motor, clock: found.clock })
+        Ok(Self { node, board: subject.to_owned(), motor, place, clock: found.clock })
+    }
+
+    /// What the board calls a quantity of this motor.
+    pub fn signal(&self, name: &str) -> String {
+        self.board.split_once('.').map_or_else(|| name.to_owned(), |(_, motor)| format!("{motor}_{name}"))
     }
 
     /// Whether it moves an axis, whose position its law regulates.
@@ -214,7 +243,10 @@ impl Subject {
         let rate = Rate::fraction(1_000, u64::from(self.motor.period_ms));
         let ticks = Ticks::new(Instant::START, rate, self.clock);
         let signals = &rig.nodes()[self.node].description.signals;
-        let place = |name: &str| signals.iter().position(|signal| signal.name == name).unwrap_or(usize::MAX);
+        let place = |name: &str| {
+            let name = self.signal(name);
+            signals.iter().position(|signal| signal.name == name).unwrap_or(usize::MAX)
+        };
         let (Encoder::Window(name) | Encoder::Position(name)) = self.motor.encoder;
         let (counted, driven) = (place(name), place("drive"));
         let mut seen = (0i64, 0i64);
@@ -231,7 +263,8 @@ impl Subject {
             let time = ticks.at(n).as_secs_f64();
             points.push(Point { time, count: seen.0, drive: 0 });
             let per_mille = program.next(points.len() - 1, seen.0);
-            rig.stimulate(self.node, after, Stimulus::Drive(per_mille));
+            let drive = Stimulus::Drive(per_mille);
+            rig.stimulate(self.node, after, self.place.map_or(drive.clone(), |place| drive.of(place)));
         }
         Ok(points)
     }

@@ -402,7 +402,7 @@ async fn watch(file: &RigFile, subject: &Subject, seconds: u64) -> Result<Seen, 
 impl Seen {
     /// Of a board's telemetry, which tells changes only.
     fn of(subject: &Subject, signals: &[String], history: &[(Instant, usize, f64)], seconds: u64) -> Self {
-        let place = |name: &str| signals.iter().position(|signal| signal == name);
+        let place = |name: &str| signals.iter().position(|signal| *signal == subject.signal(name));
         let period = f64::from(subject.motor.period_ms) / 1_000.0;
         // As it is at each sample.
         let sampled = |name: &str| -> Vec<(f64, f64)> {

@@ -7,8 +7,8 @@ use crate::{FirstOrder, Polynomial};
 /// A law taken at its word.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Printed {
-    /// Eq. 7 as the drive itself, or as an addition to a drive that the set point alone decides: u = c. The loop's poles
-    /// are the same.
+    /// Eq. 7 as the drive itself, or as an addition to a drive that the set point alone decides: u = c. The loop's
+    /// poles are the same.
     Lead(Lead),
     /// Eq. 15: u(k) = K1·x(k) + K2·(u(k−1) + T·x(k)) + K3/T·(x(k) − x(k−1)).
     Pid(Pid),

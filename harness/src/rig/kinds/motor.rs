@@ -60,12 +60,19 @@ pub enum Form {
     Open,
 }
 
-/// The motor of a board of that kind with these settings (TOML); None if it has none.
+/// The motor of a board of that kind with these settings (TOML); None if it has none. Of several motors, the one with
+/// this name.
 ///
 /// # Errors
 /// [`KindError`] if there is no such kind, or its settings are wrong.
-pub fn motor(kind: &str, settings: &str) -> Result<Option<Motor>, KindError> {
-    Ok(match settings_of(kind, settings)? {
+pub fn motor(kind: &str, settings: &str, which: Option<&str>) -> Result<Option<Motor>, KindError> {
+    let settings = match (settings_of(kind, settings)?, which) {
+        (Settings::Dspic(settings), Some("spindle")) => Settings::Spindle(settings.spindle),
+        (Settings::Dspic(settings), Some("transverse")) => Settings::Transverse(settings.transverse),
+        (Settings::Dspic(settings), Some("depth")) => Settings::Depth(settings.depth),
+        (settings, _) => settings,
+    };
+    Ok(match settings {
         // The stand's axis begins at the end of its travel: there is no room for a bench.
         Settings::Master(_) | Settings::Dspic(_) | Settings::Servo(_) => None,
         Settings::Spindle(SpindleSettings { drive, encoder, controller, .. }) => Some(Motor {
