@@ -206,6 +206,11 @@ impl Subject {
         Ok(Self { node, board: subject.to_owned(), motor, place, clock: found.clock })
     }
 
+    /// Where the rig has a setting of this motor that its law calls so.
+    pub fn setting(&self, name: &str) -> String {
+        format!("{}.{name}", self.board)
+    }
+
     /// What the board calls a quantity of this motor.
     pub fn signal(&self, name: &str) -> String {
         self.board.split_once('.').map_or_else(|| name.to_owned(), |(_, motor)| format!("{motor}_{name}"))

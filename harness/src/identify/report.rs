@@ -21,6 +21,8 @@ pub struct Units {
     pub speed: String,
 }
 
+/// A fit that explains less, in %, is a poor one, unless it is the counts that are coarse. (Ours.)
+const POOR: f64 = 75.0;
 /// Two results contradict each other whose intervals, made so much wider, do not touch. (Ours: one pair in 10 000.)
 const TOO_FAR: f64 = 1.5;
 /// They are the same if they are nearer than that share, whatever the intervals. (Ours.)
@@ -386,6 +388,11 @@ impl Identification {
         let contradiction = contradiction(rows(), &units);
         let agreed = contradiction.is_none();
         warnings.extend(contradiction);
+        let seen = run.recording.as_ref().map_or(0.0, |recording| recording.data.quantum());
+        let fit = fit_percent.unwrap_or_default();
+        if doubts.is_empty() && fit < POOR && best.residual_rms.is_some_and(|left| left > 2.0 * seen) {
+            warnings.push(format!("the model explains {fit:.0} % of the response only: do not build on it"));
+        }
         if fitted.gain.value < 0.0 {
             warnings.push(Finding::Backwards { gain: fitted.gain.value }.to_string());
         }

@@ -207,8 +207,8 @@ pub struct Tuning {
     pub law: &'static str,
     /// The form of the law that is to be set, where the board has another.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub form: Option<&'static str>,
-    /// What is to be set, by the names of the board's settings where there is a board.
+    pub form: Option<(String, &'static str)>,
+    /// What is to be set, and where, if there is a rig.
     pub settings: Vec<(String, f64)>,
     /// What it will do.
     pub forecast: Forecast,
@@ -287,8 +287,10 @@ impl Tuning {
             Some(Law::Lead(settings) | Law::Pid(settings)) => settings.map(|(name, _)| name),
             _ => names,
         };
-        let form = on_rig.and_then(|(_, subject)| subject.motor.printed.map(|_| working_form(&controller)));
-        let settings: Vec<(String, f64)> = names.map(str::to_owned).into_iter().zip(controller.values()).collect();
+        let form = on_rig.filter(|(_, subject)| subject.motor.printed.is_some());
+        let form = form.map(|(_, subject)| (subject.setting(FORM), working_form(&controller)));
+        let placed = |name: &str| on_rig.map_or_else(|| name.to_owned(), |(_, subject)| subject.setting(name));
+        let settings: Vec<(String, f64)> = names.map(placed).into_iter().zip(controller.values()).collect();
         let mut tuning = Self {
             motor,
             law,
@@ -326,7 +328,7 @@ impl Tuning {
             self.foretold = response::of_step(&path, 0.0, f64::from(SPEED) * 20.0).map(Indices::from);
             self.foretold_path = path;
         }
-        let tuned = with_settings(file, subject, self.form, &self.settings)?;
+        let tuned = with_settings(file, subject, self.form.as_ref(), &self.settings)?;
         let seconds = watched(model);
         self.shown = Some(watch(&tuned, subject, seconds).await?);
         self.shown_present = Some(watch(file, subject, seconds).await?);
@@ -338,15 +340,14 @@ impl Tuning {
 fn with_settings(
     file: &RigFile,
     subject: &Subject,
-    form: Option<&str>,
+    form: Option<&(String, &'static str)>,
     settings: &[(String, f64)],
 ) -> Result<RigFile, TuneError> {
-    let board = &subject.board;
-    let values = settings.iter().map(|(name, value)| (name.as_str(), value.to_string()));
-    let form = form.map(|form| (FORM, form.to_owned()));
-    form.into_iter().chain(values).try_fold(file.clone(), |file, (name, value)| {
-        let set = file.with(&format!("{board}.{name}"), &value);
-        set.map_err(|message| TuneError::Settings { board: board.clone(), message })
+    let values = settings.iter().map(|(place, value)| (place, value.to_string()));
+    let form = form.map(|(place, form)| (place, (*form).to_owned()));
+    form.into_iter().chain(values).try_fold(file.clone(), |file, (place, value)| {
+        let set = file.with(place, &value);
+        set.map_err(|message| TuneError::Settings { board: subject.board.clone(), message })
     })
 }
 
@@ -527,11 +528,12 @@ impl Tuning {
         }
         writeln!(text)?;
         writeln!(text, "{dim}to be set{dim:#}")?;
-        if let Some(form) = self.form {
-            writeln!(text, "  {FORM} = {form:?}")?;
+        // As `--set` takes it.
+        if let Some((place, form)) = &self.form {
+            writeln!(text, "  {place}={form}")?;
         }
         for (name, value) in &self.settings {
-            writeln!(text, "  {name} = {value:?}")?;
+            writeln!(text, "  {name}={value:?}")?;
         }
         Ok(())
     }
