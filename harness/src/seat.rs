@@ -6,7 +6,7 @@ use std::os::fd::AsFd;
 use std::os::unix::net::UnixStream;
 
 use rustix::process::Signal;
-use torno_protocol::record::{FromBoard, Setup, ToBoard, VERSION};
+use torno_protocol::record::{FromBoard, Heard, Setup, ToBoard, VERSION};
 
 use crate::channel::Channel;
 use crate::rig::kinds::{self, Steps};
@@ -38,12 +38,24 @@ pub async fn run(kind: &str) -> Result<(), SeatError> {
     rustix::process::set_parent_process_death_signal(Some(Signal::KILL)).map_err(io::Error::from)?;
     let mut channel = Channel::new(UnixStream::from(stdin.as_fd().try_clone_to_owned()?))?;
     let mut board: Option<Box<dyn Steps>> = None;
+    let mut heard: Vec<Heard> = Vec::new();
     while let Some(record) = poll_fn(|context| channel.poll_receive(context)).await? {
         let answer = match (record, &mut board) {
-            (ToBoard::Turn(turn), Some(board)) => match board.turn(&turn) {
-                Ok(batch) => FromBoard::Batch(batch),
-                Err(error) => FromBoard::Broken(error.to_string()),
-            },
+            (ToBoard::Heard(beginning), _) => {
+                heard.extend(beginning);
+                continue;
+            }
+            (ToBoard::Turn(mut turn), Some(board)) => {
+                heard.append(&mut turn.heard);
+                turn.heard = core::mem::take(&mut heard);
+                match board.turn(&turn) {
+                    Ok(batch) => {
+                        batch.into_records().try_for_each(|record| send(&mut channel, &record))?;
+                        continue;
+                    }
+                    Err(error) => FromBoard::Broken(error.to_string()),
+                }
+            }
             (ToBoard::Setup(setup), None) => match build(kind, &setup) {
                 Ok(built) => {
                     let description = built.description();
@@ -55,13 +67,17 @@ pub async fn run(kind: &str) -> Result<(), SeatError> {
             (ToBoard::Turn(_), None) => FromBoard::Broken("was given a turn before it was set up".to_owned()),
             (ToBoard::Setup(_), Some(_)) => FromBoard::Broken("was set up twice".to_owned()),
         };
-        match channel.send(&answer) {
-            // The harness is gone: the next read says so too.
-            Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {}
-            sent => sent?,
-        }
+        send(&mut channel, &answer)?;
     }
     Ok(())
+}
+
+fn send(channel: &mut Channel, record: &FromBoard) -> io::Result<()> {
+    match channel.send(record) {
+        // The harness is gone: the next read says so too.
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+        sent => sent,
+    }
 }
 
 fn build(kind: &str, setup: &Setup) -> Result<Box<dyn Steps>, String> {

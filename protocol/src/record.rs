@@ -2,7 +2,8 @@
 //!
 //! A record is a length (four bytes, little-endian) and that many bytes of `postcard`. The harness opens with
 //! [`ToBoard::Setup`], the board answers [`FromBoard::Ready`]; from then on each [`ToBoard::Turn`] is answered by one
-//! [`FromBoard::Batch`]. The end of the stream ends the board.
+//! [`FromBoard::Batch`]. What is too much for one record goes ahead of it in [`ToBoard::Heard`] and
+//! [`FromBoard::Told`]. The end of the stream ends the board.
 
 use bytes::{Buf, BufMut, BytesMut};
 use serde::de::DeserializeOwned;
@@ -16,10 +17,13 @@ use crate::uart::Ear;
 
 /// The version of these records. Harness and board must have the same: they are one program, and a board that runs
 /// elsewhere says in its answer which version it speaks.
-pub const VERSION: u16 = 4;
+pub const VERSION: u16 = 5;
 
 /// The longest record that is accepted, in bytes.
 pub const LENGTH_MAX: usize = 16 << 20;
+
+/// So many outputs, inputs and edges go in one record at the most; each is below 20 bytes.
+const WEIGHT_MAX: usize = 500_000;
 
 /// From the harness to a board.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -28,6 +32,8 @@ pub enum ToBoard {
     Setup(Setup),
     /// Time may go on.
     Turn(Turn),
+    /// The beginning of what the board hears with the next turn.
+    Heard(Vec<Heard>),
 }
 
 /// From a board to the harness.
@@ -44,6 +50,8 @@ pub enum FromBoard {
     Batch(Batch),
     /// The board cannot go on; why, for people.
     Broken(String),
+    /// The beginning of what it does in the next batch.
+    Told(Vec<Timed>),
 }
 
 /// What a board is to be.
@@ -113,6 +121,46 @@ pub struct Batch {
     pub ears: Vec<Ear>,
     /// What the board does, in order.
     pub outputs: Vec<Timed>,
+}
+
+impl Turn {
+    /// The records that it goes in.
+    pub fn into_records(mut self) -> impl Iterator<Item = ToBoard> {
+        let (parts, last) = parted(core::mem::take(&mut self.heard), |heard| match heard {
+            Heard::Edges { edges, .. } => 1 + edges.len(),
+            Heard::Cut { .. } | Heard::Stimulus { .. } => 1,
+        });
+        parts.into_iter().map(ToBoard::Heard).chain([ToBoard::Turn(Self { heard: last, ..self })])
+    }
+}
+
+impl Batch {
+    /// The records that it goes in.
+    pub fn into_records(mut self) -> impl Iterator<Item = FromBoard> {
+        let (parts, last) = parted(core::mem::take(&mut self.outputs), |told| match &told.output {
+            Output::Character { edges, .. } => 1 + edges.len(),
+            Output::Cut { .. } | Output::Telemetry { .. } | Output::Event { .. } => 1,
+        });
+        parts.into_iter().map(FromBoard::Told).chain([FromBoard::Batch(Self { outputs: last, ..self })])
+    }
+}
+
+/// Parts of at most [`WEIGHT_MAX`] each, and what is left for the last one.
+fn parted<T>(all: Vec<T>, weight: impl Fn(&T) -> usize) -> (Vec<Vec<T>>, Vec<T>) {
+    // Nearly always it is one.
+    if all.len() < WEIGHT_MAX / 100 && all.iter().map(&weight).sum::<usize>() <= WEIGHT_MAX {
+        return (Vec::new(), all);
+    }
+    let (mut parts, mut last, mut sum) = (Vec::new(), Vec::new(), 0);
+    for one in all {
+        sum += weight(&one);
+        if sum > WEIGHT_MAX && !last.is_empty() {
+            parts.push(core::mem::take(&mut last));
+            sum = weight(&one);
+        }
+        last.push(one);
+    }
+    (parts, last)
 }
 
 /// A board waits for the world outside the rig to stay silent.

@@ -171,8 +171,11 @@ impl Node {
         }
     }
 
-    /// Before this instant nothing that is on its lines can be cut short.
+    /// Before this instant nothing that is on its lines can be cut short. A process that does not run cuts nothing.
     pub(super) fn uncut_until(&self) -> Instant {
+        if self.life != Life::Runs {
+            return Instant::NEVER;
+        }
         self.resets.iter().min().copied().unwrap_or(Instant::NEVER)
     }
 

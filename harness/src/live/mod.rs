@@ -178,6 +178,8 @@ impl Live {
             }
             let took = self.take_waiting()? | self.obey_all().await?;
             if arrived && !took && (limit == allowed || !went) {
+                // Where there is nothing to wait for, others must have their turn all the same.
+                tokio::task::yield_now().await;
                 self.wait().await?;
             } else {
                 self.check_pace(self.reached);

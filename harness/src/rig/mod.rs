@@ -21,7 +21,7 @@ use rustix::thread::CpuSet;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use torno_protocol::board::{Description, Stimulus, Wait};
 use torno_protocol::clock::Clock;
-use torno_protocol::record::{FromBoard, Setup, ToBoard, Turn, VERSION};
+use torno_protocol::record::{FromBoard, Setup, Turn, VERSION};
 use torno_protocol::stepping::{BrokenPromise, Stepper};
 use torno_protocol::time::Instant;
 
@@ -247,7 +247,9 @@ impl Rig {
                 }
                 Ok(Some(FromBoard::Broken(message))) => return Err(board(message)),
                 Ok(None) => return Err(board("its process ended at once".to_owned())),
-                Ok(Some(FromBoard::Batch(_))) => return Err(board("answered before it was asked".to_owned())),
+                Ok(Some(FromBoard::Batch(_) | FromBoard::Told(_))) => {
+                    return Err(board("answered before it was asked".to_owned()));
+                }
                 Err(source) => return Err(RigError::Launch { board: name.clone(), source }),
             }
         }
@@ -486,7 +488,7 @@ impl Rig {
                     self.engine.answer(id, answer)?;
                 }
                 Seat::Process(process) => {
-                    let sent = process.send(&ToBoard::Turn(turn));
+                    let sent = turn.into_records().try_for_each(|record| process.send(&record));
                     sent.map_err(|source| RigError::Record { board: node.name.clone(), source })?;
                 }
                 Seat::Empty => {}
@@ -537,7 +539,7 @@ impl Rig {
         match answer {
             Ok(Some(FromBoard::Batch(batch))) => Ok(self.engine.answer(id, batch)?),
             Ok(Some(FromBoard::Broken(message))) => Err(RigError::Board { board: name.clone(), message }),
-            Ok(Some(FromBoard::Ready { .. })) => {
+            Ok(Some(FromBoard::Ready { .. } | FromBoard::Told(_))) => {
                 Err(RigError::Board { board: name.clone(), message: "introduced itself twice".to_owned() })
             }
             Err(source) => Err(RigError::Record { board: name.clone(), source }),

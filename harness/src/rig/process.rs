@@ -5,11 +5,11 @@ use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::process::{ExitStatus, Stdio};
-use std::task::{Context, Poll};
+use std::task::{Context, Poll, ready};
 
 use rustix::process::{Pid, WaitId, WaitIdOptions};
 use tokio::process::{Child, Command};
-use torno_protocol::record::{FromBoard, Setup, ToBoard};
+use torno_protocol::record::{Batch, FromBoard, Setup, Timed, ToBoard};
 
 use super::Bytes;
 use crate::channel::Channel;
@@ -20,6 +20,8 @@ pub(super) struct BoardProcess {
     child: Child,
     pid: Pid,
     channel: Channel,
+    /// The beginning of the batch that is coming in.
+    told: Vec<Timed>,
 }
 
 /// What has become of a board's process.
@@ -46,7 +48,7 @@ impl BoardProcess {
             .kill_on_drop(true)
             .spawn()?;
         let pid = child.id().and_then(|id| Pid::from_raw(id as i32)).ok_or(io::ErrorKind::NotFound)?;
-        let mut process = Self { child, pid, channel: Channel::new(ours)? };
+        let mut process = Self { child, pid, channel: Channel::new(ours)?, told: Vec::new() };
         process.send(&ToBoard::Setup(setup))?;
         Ok(process)
     }
@@ -70,7 +72,19 @@ impl BoardProcess {
 
     /// The board's next record; `None` if the board is gone.
     pub(super) fn poll_receive(&mut self, context: &mut Context<'_>) -> Poll<io::Result<Option<FromBoard>>> {
-        self.channel.poll_receive(context)
+        loop {
+            return Poll::Ready(Ok(match ready!(self.channel.poll_receive(context))? {
+                Some(FromBoard::Told(told)) => {
+                    self.told.extend(told);
+                    continue;
+                }
+                Some(FromBoard::Batch(mut batch)) if !self.told.is_empty() => {
+                    self.told.append(&mut batch.outputs);
+                    Some(FromBoard::Batch(Batch { outputs: core::mem::take(&mut self.told), ..batch }))
+                }
+                record => record,
+            }));
+        }
     }
 
     /// What has become of the process since the last call.
