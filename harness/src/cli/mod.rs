@@ -33,7 +33,7 @@ use torno::rig::file::{DEFAULT, RigFile, RigFileError};
 use torno::rig::{Driver, RigError};
 use torno::seat::SeatError;
 use torno::send::SendError;
-use torno::servo::ControllerError;
+use torno::servo::{ControllerError, LineError};
 use torno::text::{self, TextError};
 use torno::trace::replay::ReplayError;
 use torno::trace::{Damage, Header, Recorder, RecordingError, SessionError, Trace};
@@ -127,11 +127,16 @@ fn complain(error: &anyhow::Error) -> ExitCode {
 }
 
 fn exit_code(error: &anyhow::Error) -> u8 {
+    let line = match error.downcast_ref::<ControllerError>() {
+        Some(ControllerError::Line(line)) => Some(line),
+        _ => error.downcast_ref::<LineError>(),
+    };
     let broken = error.downcast_ref::<RigError>().is_some()
         || error.downcast_ref::<SessionError>().is_some()
         || error.downcast_ref::<LiveError>().is_some()
         || error.downcast_ref::<RecordingError>().is_some()
-        || matches!(error.downcast_ref::<ReplayError>(), Some(ReplayError::Rig(_)));
+        || matches!(error.downcast_ref::<ReplayError>(), Some(ReplayError::Rig(_)))
+        || line.is_some_and(|line| matches!(line, LineError::Rig(_) | LineError::Recording(_)));
     let failed = matches!(error.downcast_ref::<SendError>(), Some(SendError::Port { .. }))
         || error.downcast_ref::<ControllerError>().is_some();
     let used_wrongly = error.downcast_ref::<PortError>().is_some()

@@ -61,7 +61,9 @@ pub enum ControllerError {
         on: String,
     },
     /// It is none.
-    #[error("what is on {on} is no controller of the servo stand: expected 63 ('c'), found {found}")]
+    #[error(
+        "what is on {on} is no controller of the servo stand, or it is in motion: expected 63 ('c'), found {found}"
+    )]
     Other {
         /// The line.
         on: String,
@@ -120,19 +122,24 @@ impl Gain {
     }
 }
 
-/// A controller that has answered.
+/// The controller on a line.
 #[derive(Debug)]
 pub struct Controller<L> {
     line: L,
 }
 
 impl<L: Line> Controller<L> {
+    /// One that has not been asked yet whether it is there.
+    pub const fn on(line: L) -> Self {
+        Self { line }
+    }
+
     /// Asks whether it is there (§3: "sterownik połączony").
     ///
     /// # Errors
     /// [`ControllerError`]: the line is released.
     pub async fn connect(line: L) -> Result<Self, ControllerError> {
-        let mut controller = Self { line };
+        let mut controller = Self::on(line);
         controller.check_link().await?;
         Ok(controller)
     }

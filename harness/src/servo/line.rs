@@ -1,6 +1,6 @@
 //! The serial line to the controller: of a rig, in virtual time, or of this computer.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::io;
 use std::time::Duration;
 
@@ -11,10 +11,13 @@ use torno_protocol::servo::{BAUD, CHARACTER};
 use torno_protocol::time::{Instant, Span};
 
 use crate::engine::{Fact, Limit};
+use crate::observe::{Digest, Telemetry, log};
+use crate::pace::{Brake, Pace};
 use crate::pc::{PcEvent, PcUart};
 use crate::rig::file::RigFile;
-use crate::rig::{Driver, Rig, RigError};
+use crate::rig::{Driver, Node, Rig, RigError};
 use crate::send::SendError;
+use crate::trace::{End, Header, Recorder, RecordingError, Trace};
 
 /// Virtual time goes no further at once while an answer is awaited.
 const SLICE: Span = Span::from_millis(20);
@@ -22,6 +25,8 @@ const SLICE: Span = Span::from_millis(20);
 const BEGIN: Span = Span::from_millis(10);
 /// Bytes that are handed to a serial port at once, so that progress can be told.
 const PORTION: usize = 64;
+/// A serial port that takes nothing for so long will not. (Ours.)
+const STUCK: Duration = Duration::from_secs(1);
 /// How far a serial port's driver may be ahead of its line.
 const AHEAD: Duration = Duration::from_millis(40);
 
@@ -34,6 +39,9 @@ pub enum LineError {
     /// The rig broke.
     #[error(transparent)]
     Rig(#[from] RigError),
+    /// What happens in the rig cannot be recorded any more.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
 }
 
 /// A serial line as seen from the PC.
@@ -56,6 +64,11 @@ pub struct RigLine {
     rig: Rig,
     name: String,
     now: Instant,
+    brake: Brake,
+    digest: Digest,
+    telemetry: Telemetry,
+    recorder: Option<Recorder>,
+    trace: Option<Trace>,
     /// Bytes of the PC that are not on the line yet.
     queued: usize,
     received: VecDeque<u8>,
@@ -66,17 +79,77 @@ pub struct RigLine {
 /// Hears of every value that a board tells: when, the board, the quantity, the value.
 pub type Watcher = Box<dyn FnMut(Instant, &str, &str, i64)>;
 
+/// What is left of a rig at whose line nobody is any more.
+#[derive(Clone, Debug)]
+pub struct Left {
+    /// The digest of everything that happened, when it ended, and how.
+    pub end: End,
+    /// The boards: name, process (its own or this one), last value of each quantity.
+    pub boards: Vec<(String, u32, BTreeMap<String, i64>)>,
+    /// Everything that happened, if it was to be kept.
+    pub trace: Option<Trace>,
+}
+
 impl RigLine {
-    /// Starts a rig.
+    /// Starts a rig that goes as fast as it can.
     ///
     /// # Errors
     /// [`LineError::Rig`].
     pub async fn start(file: &RigFile, driver: &Driver) -> Result<Self, LineError> {
         let uart = PcUart::new(file.pc.baud, file.pc.tx_fifo, file.pc.clock);
         let rig = Rig::start(file, driver, uart).await?;
-        let name = format!("the rig '{}'", file.name);
-        let now = Instant::START + BEGIN;
-        Ok(Self { rig, name, now, queued: 0, received: VecDeque::new(), watcher: None })
+        rig.share_one_processor();
+        Ok(Self {
+            name: format!("the rig '{}'", file.name),
+            now: Instant::START + BEGIN,
+            brake: Brake::new(Pace::Max).map_err(RigError::from)?,
+            digest: Digest::new(&rig),
+            telemetry: Telemetry::new(&rig),
+            recorder: None,
+            trace: None,
+            queued: 0,
+            received: VecDeque::new(),
+            watcher: None,
+            rig,
+        })
+    }
+
+    /// Records everything from the start. For a rig that does not run yet.
+    pub fn record(&mut self, recorder: Recorder) {
+        self.recorder = Some(recorder);
+    }
+
+    /// Keeps everything from the start. For a rig that does not run yet.
+    pub fn keep(&mut self, header: Header) {
+        self.trace = Some(Trace::new(header));
+    }
+
+    /// Holds time back to this pace from now on.
+    pub fn set_pace(&mut self, pace: Pace) {
+        self.brake.set_pace(pace, self.now);
+    }
+
+    /// Brings every board to one instant and ends what is recorded there, with the word for how it ended.
+    ///
+    /// # Errors
+    /// [`LineError`] if the rig breaks over it, or the recording cannot be written.
+    pub async fn end(mut self, outcome: &str) -> Result<Left, LineError> {
+        let until = self.now.max(self.rig.engine().frontier());
+        self.rig.settle(until).await?;
+        self.note()?;
+        let at = until - Span::from_nanos(1);
+        let end = End { digest: self.digest.sum().to_string(), at, outcome: outcome.to_owned() };
+        if let Some(recorder) = &mut self.recorder {
+            recorder.finish(&end)?;
+        }
+        if let Some(trace) = &mut self.trace {
+            (trace.settled, trace.end) = (until, Some(end.clone()));
+        }
+        let boards = self.rig.nodes().iter().enumerate().filter(|(id, _)| *id != self.rig.pc());
+        let board = |(id, node): (usize, &Node)| {
+            (node.name.clone(), node.pid.unwrap_or_else(std::process::id), self.telemetry.of(id))
+        };
+        Ok(Left { end, boards: boards.map(board).collect(), trace: self.trace })
     }
 
     /// Tells `watcher` every value from now on.
@@ -95,21 +168,51 @@ impl RigLine {
     }
 
     async fn advance(&mut self, until: Instant) -> Result<(), LineError> {
-        while self.rig.step(Limit::until(until)).await? {
-            self.note();
+        loop {
+            let at_once = Limit::until(until);
+            let limit = if self.brake.pace() == Pace::Max { at_once } else { self.brake.limit().earlier(Some(until)) };
+            while self.rig.step(limit).await? {
+                self.note()?;
+            }
+            self.note()?;
+            if limit.until >= until {
+                break;
+            }
+            let next = self.rig.engine().next_instant().min(until);
+            tokio::select! {
+                () = self.rig.news() => {}
+                passed = self.brake.wait_past(next) => {
+                    passed.map_err(RigError::from)?;
+                    if let Some(by) = self.brake.reached(next) {
+                        log::behind(next, by);
+                    }
+                }
+            }
         }
-        self.note();
         self.now = until;
         // Whatever may end this must have its turn.
         tokio::task::yield_now().await;
         Ok(())
     }
 
-    fn note(&mut self) {
-        self.rig.take_inputs();
-        self.rig.take_incidents();
-        for fact in self.rig.take_facts() {
-            match fact {
+    fn note(&mut self) -> Result<(), LineError> {
+        for incident in self.rig.take_incidents() {
+            log::set_time(incident.at);
+            tracing::warn!("{incident}");
+        }
+        let (inputs, facts) = (self.rig.take_inputs(), self.rig.take_facts());
+        if let Some(recorder) = &mut self.recorder {
+            recorder.note(&inputs, &facts, self.rig.engine().frontier())?;
+        }
+        if let Some(trace) = &mut self.trace {
+            trace.inputs.extend_from_slice(&inputs);
+            trace.facts.extend_from_slice(&facts);
+        }
+        for fact in &facts {
+            log::log(&self.rig, fact);
+            self.digest.add(fact);
+            self.telemetry.add(fact);
+            match *fact {
                 Fact::Event { node, event, value, .. } if node == self.rig.pc() => {
                     match PcEvent::from_numbers(event, value) {
                         Some(PcEvent::Sent(_)) => self.queued = self.queued.saturating_sub(1),
@@ -127,6 +230,7 @@ impl RigLine {
                 Fact::Event { .. } | Fact::Edges { .. } => {}
             }
         }
+        Ok(())
     }
 }
 
@@ -197,7 +301,9 @@ impl Line for SerialLine {
     async fn send(&mut self, bytes: &[u8], mut gone: impl FnMut(usize)) -> Result<(), LineError> {
         self.free_at = self.free_at.max(tokio::time::Instant::now());
         for portion in bytes.chunks(PORTION) {
-            self.port.write_all(portion).await.map_err(|error| self.failed(error))?;
+            let written = tokio::time::timeout(STUCK, self.port.write_all(portion)).await;
+            let written = written.unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into()));
+            written.map_err(|error| self.failed(error))?;
             self.free_at += Duration::from_nanos(CHARACTER.as_nanos()) * portion.len() as u32;
             tokio::time::sleep_until(self.free_at - AHEAD).await;
             gone(portion.len());

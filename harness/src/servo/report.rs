@@ -1,11 +1,13 @@
 //! What is left of a run: numbers, data, graphs.
 
+use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use serde_json::{Value, json};
 use torno_servo::{Program, TICKS_PER_S};
 
 use super::controller::{Ended, Sample};
+use super::line::Left;
 use crate::report::plot::{Figure, Panel, Series, Style};
 
 /// Samples of the window in which Servo v1.0 shows the following error: 4 s (§3.1).
@@ -28,6 +30,8 @@ pub struct Report {
     pub set_points: Vec<i64>,
     /// What the controller told of each tick that took place.
     pub samples: Vec<Sample>,
+    /// What is left of the rig, if it ran on one.
+    pub rig: Option<Left>,
 }
 
 impl Ended {
@@ -88,6 +92,12 @@ impl Report {
             let wrapped = self.wrapped();
             line("wrap", format!("{wrapped} samples show another error than the true one: it lies beyond -128…127"));
         }
+        if let Some(Left { end, boards, .. }) = &self.rig {
+            let boards = boards.iter().map(|(name, pid, _)| format!(", {name} {pid}"));
+            line("process", format!("harness {}{}", std::process::id(), boards.collect::<String>()));
+            line("time", format!("{:.3} s virtual", end.at.as_secs_f64()));
+            line("digest", end.digest.clone());
+        }
         line("outcome", self.ended.name().to_owned());
         text
     }
@@ -95,6 +105,13 @@ impl Report {
     /// For programs.
     pub fn json(&self) -> Value {
         let end = self.positions().last();
+        let rig = self.rig.as_ref().map(|Left { end, boards, .. }| {
+            let board = |(name, pid, values): &(String, u32, BTreeMap<String, i64>)| {
+                (name.clone(), json!({ "pid": pid, "at_end": values }))
+            };
+            let boards: serde_json::Map<String, Value> = boards.iter().map(board).collect();
+            json!({ "virtual_s": end.at.as_secs_f64(), "digest": end.digest, "boards": boards })
+        });
         json!({
             "program": self.program,
             "on": self.on,
@@ -108,6 +125,7 @@ impl Report {
             "greatest_error_counts": self.greatest_error(),
             "wrapped_samples": self.wrapped(),
             "outcome": self.ended.name(),
+            "rig": rig,
         })
     }
 

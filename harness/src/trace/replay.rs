@@ -73,8 +73,11 @@ pub async fn replay(trace: &Trace, driver: &Driver) -> Result<Replayed, ReplayEr
     }
     let uart = PcUart::new(file.pc.baud, file.pc.tx_fifo, file.pc.clock);
     let rig = match program {
-        Some(_) => Rig::start(&file, driver, uart.with_program(Careful::default())).await?,
-        None => Rig::start(&file, driver, uart).await?,
+        // A PC that the machine does not hold is outside the rig, whatever it plays.
+        Some(_) if file.dialect.holds_the_pc() => {
+            Rig::start(&file, driver, uart.with_program(Careful::default())).await?
+        }
+        _ => Rig::start(&file, driver, uart).await?,
     };
     rig.share_one_processor();
     let mut again = Again { digest: Digest::of(&header), rig, trace: Trace::new(header) };

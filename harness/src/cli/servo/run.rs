@@ -1,0 +1,182 @@
+//! `torno servo run`
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::Context;
+use torno::pace::Pace;
+use torno::report::Status;
+use torno::report::page::Page;
+use torno::servo::controller::parts;
+use torno::servo::{Controller, Ended, Left, Line, Report, RigLine};
+use torno::trace::Header;
+
+use super::{FAILED, INTERRUPTED, Interrupt, Place, Source, Stand, draw, driver, gains, print, start_recording, write};
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// The motion program
+    program: PathBuf,
+    #[command(flatten)]
+    place: Place,
+    #[command(flatten)]
+    stand: Stand,
+    /// Sets Kx before: 0 to 255
+    #[arg(long, value_name = "N")]
+    kx: Option<u8>,
+    /// Sets Kv before: 0 to 255
+    #[arg(long, value_name = "N")]
+    kv: Option<u8>,
+    /// Sends even a program that leaves the travel or is too fast for the motor
+    #[arg(long)]
+    force: bool,
+    /// Virtual seconds per second, or 'max'
+    #[arg(long, default_value = "max", value_name = "N|max", conflicts_with = "port")]
+    pace: Pace,
+    /// Runs the boards in this process instead of one each
+    #[arg(long, conflicts_with = "port")]
+    in_process: bool,
+    /// Records everything that happens, for 'torno trace', 'torno replay' and 'torno diff'; overwrites a trace
+    #[arg(long, value_name = "FILE", conflicts_with = "port")]
+    record: Option<PathBuf>,
+    /// Writes a page to look at: motion, the line, the figures (HTML, one file)
+    #[arg(long, value_name = "FILE", conflicts_with = "port")]
+    report: Option<PathBuf>,
+    /// Draws the run: positions, and the following error of the last 4 s, as SVG; '-' is standard output
+    #[arg(short, long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Writes the data, a line a tick; '-' is standard output
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
+    /// Prints the report as one line of JSON
+    #[arg(long)]
+    json: bool,
+}
+
+impl Arguments {
+    pub(super) async fn run(self) -> anyhow::Result<ExitCode> {
+        let source = Source::load(&self.program, &self.stand)?;
+        eprint!("{}", source.findings(self.stand.lang));
+        if source.compiled.program.is_none() {
+            eprintln!("{}", source.compiled.verdict(self.stand.lang));
+            return Ok(ExitCode::from(FAILED));
+        }
+        if !(self.force || source.compiled.can_be_driven()) {
+            eprintln!("nothing is sent to the controller");
+            return Ok(ExitCode::from(FAILED));
+        }
+        if self.place.port.is_empty() {
+            return self.on_rig(&source).await;
+        }
+        match self.place.port(self.stand.lang).await? {
+            Ok(mut controller) => {
+                let ran = self.on(&mut controller, &source).await;
+                // The port is free before anything is written.
+                drop(controller.disconnect());
+                self.tell(&ran?)
+            }
+            Err(code) => Ok(code),
+        }
+    }
+
+    async fn on_rig(&self, source: &Source) -> anyhow::Result<ExitCode> {
+        let file = self.place.rig()?;
+        let header = Header::new(&file, &self.place.rig, 0, Some(&source.name));
+        // Before anything runs: a file that cannot be written must not cost a run.
+        let recorder = self.record.as_deref().map(|path| start_recording(path, &header)).transpose()?;
+        let page = self.report.as_deref().map(|path| create(path).map(|file| (path, file))).transpose()?;
+        let mut line = RigLine::start(&file, &driver(self.in_process)?).await?;
+        line.set_pace(self.pace);
+        if let Some(recorder) = recorder {
+            line.record(recorder);
+        }
+        if page.is_some() {
+            line.keep(header);
+        }
+        let mut controller = Controller::on(line);
+        let ran = self.on(&mut controller, source).await;
+        let outcome = ran.as_ref().map_or("failed", |report| report.ended.name());
+        let left = controller.disconnect().end(outcome).await?;
+        if let (Some((path, mut file)), Some(trace)) = (page, &left.trace) {
+            let html = Page { trace, summary: None, cut: None }.html()?;
+            let written = std::io::Write::write_all(&mut file, html.as_bytes());
+            written.with_context(|| format!("cannot write '{}'", path.display()))?;
+        }
+        self.tell(&Report { rig: Some(Left { trace: None, ..left }), ..ran? })
+    }
+
+    /// Downloads the program and runs it; both can be interrupted.
+    async fn on<L: Line>(&self, controller: &mut Controller<L>, source: &Source) -> anyhow::Result<Report> {
+        let program = source.compiled.program.as_ref().context("there is no program")?;
+        controller.check_link().await?;
+        let mut report = Report {
+            program: source.name.clone(),
+            on: controller.line().name().to_owned(),
+            gains: gains(controller, self.kx, self.kv).await?,
+            counts_per_mm: self.stand.counts_per_mm,
+            ended: Ended::Completed,
+            set_points: program.set_points(self.stand.counts_per_mm).collect(),
+            samples: Vec::new(),
+            rig: None,
+        };
+        let increments = program.increments(self.stand.counts_per_mm);
+        let all = increments.len();
+        let parts = parts(&increments);
+        let mut interrupt = Interrupt::listen()?;
+        let status = Status::new();
+        for (n, part) in parts.iter().enumerate() {
+            let of_parts = if parts.len() > 1 { format!("part {} of {}: ", n + 1, parts.len()) } else { String::new() };
+            let before = report.samples.len();
+            let samples = &mut report.samples;
+            let drive = async {
+                let progress = |gone, of| status.show(|| format!("{of_parts}download {gone} of {of} bytes"));
+                controller.download(part, progress).await?;
+                let heard = |mut sample: torno::servo::Sample| {
+                    sample.tick += before;
+                    samples.push(sample);
+                    let (tick, shown) = (sample.tick, sample.shown);
+                    status.show(|| format!("{of_parts}tick {tick} of {all}  error {shown:+4} counts"));
+                    true
+                };
+                controller.run(part.len(), heard).await
+            };
+            report.ended = tokio::select! {
+                ended = drive => ended?,
+                () = interrupt.received() => {
+                    controller.stop().await?;
+                    Ended::Stopped
+                }
+            };
+            if report.ended != Ended::Completed {
+                break;
+            }
+        }
+        status.clear();
+        Ok(report)
+    }
+
+    fn tell(&self, report: &Report) -> anyhow::Result<ExitCode> {
+        if let Some(path) = &self.out {
+            draw(path, &report.figure())?;
+        }
+        if let Some(path) = &self.csv {
+            write(path, &report.csv())?;
+        }
+        let on_output = [&self.out, &self.csv].into_iter().flatten().any(|path| path == Path::new("-"));
+        let text = if self.json { format!("{}\n", report.json()) } else { report.text() };
+        if on_output {
+            eprint!("{text}")
+        } else {
+            print(&text)?
+        }
+        Ok(match report.ended {
+            Ended::Completed => ExitCode::SUCCESS,
+            Ended::Early => ExitCode::from(FAILED),
+            Ended::Stopped => ExitCode::from(INTERRUPTED),
+        })
+    }
+}
+
+fn create(path: &Path) -> anyhow::Result<std::fs::File> {
+    std::fs::File::create(path).with_context(|| format!("cannot write '{}'", path.display()))
+}
