@@ -1,19 +1,16 @@
-//! The servo stand: the board and its loop over the real line, the PC program on the rig and at serial ports.
+//! The servo stand: the board and its loop over the real line, and the PC program on the rig.
 
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
-#![allow(clippy::disallowed_methods, reason = "how long a port takes is measured by the wall clock")]
 
 mod common;
 
 use std::cell::RefCell;
 use std::fs;
-use std::io::{Read, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Output;
 use std::rc::Rc;
-use std::time::{Duration, Instant};
 
-use common::{Up, folder, json, output};
+use common::{folder, json, output};
 use torno::rig::Driver;
 use torno::rig::file::RigFile;
 use torno::servo::{Controller, Ended, Gain, RigLine, Sample, contour};
@@ -218,6 +215,70 @@ fn run_reports_draws_and_writes_the_data() {
 }
 
 #[test]
+fn a_run_is_recorded_traced_repeated_and_compared() {
+    let folder = folder();
+    let program = written(folder.path(), "x1 t0.1\ne\n");
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let [one, other, of_run, of_trace] = ["one", "other", "run.html", "trace.html"].map(path);
+    let run = |more: &[&str]| json(&servo(&[&["run", &program, "--json"], more].concat()));
+    let recorded = run(&["--record", &one, "--report", &of_run]);
+    let board = recorded["rig"]["boards"]["servo"]["pid"].as_u64().unwrap();
+    assert_ne!(board, u64::from(std::process::id()));
+    let digest = recorded["rig"]["digest"].as_str().unwrap();
+
+    let (code, out, _) = told(&output(&["trace", &one, "--kind", "frames"]));
+    assert_eq!(code, Some(0));
+    for said in ["> is somebody there?", "> a program of 20 increments, +125 counts", "> run", "> following error +6"] {
+        assert!(out.contains(said), "{said}: {out}");
+    }
+    let again = json(&output(&["replay", &one, "--json"]));
+    assert_eq!((again["same"].as_bool(), again["digest"].as_str()), (Some(true), Some(digest)));
+
+    // In one process, and held back, the same happens.
+    let paced = run(&["--record", &other, "--in-process", "--pace", "20"]);
+    assert_eq!(paced["rig"]["digest"].as_str(), Some(digest));
+    let (code, out, _) = told(&output(&["diff", &one, &other]));
+    assert!(code == Some(0) && out.starts_with("identical"), "{out}");
+    let further = run(&["--record", &other, "--kx", "20"]);
+    assert_ne!(further["rig"]["digest"].as_str(), Some(digest));
+    assert_eq!(told(&output(&["diff", &one, &other])).0, Some(1));
+
+    assert_eq!(told(&output(&["trace", &one, "--report", &of_trace])).0, Some(0));
+    let page = fs::read_to_string(of_run).unwrap();
+    assert!(page.contains("following error") && page.contains("program.txt"));
+    assert_eq!(page, fs::read_to_string(of_trace).unwrap());
+}
+
+#[test]
+fn a_port_is_no_rig_to_record_or_to_hold_back() {
+    for more in [["--record", "a"], ["--pace", "1"], ["--report", "a"]] {
+        let (code, _, error) = told(&servo(&[&["run", "a.txt", "--port", "/dev/nowhere"], &more[..]].concat()));
+        assert!(
+            code == Some(2) && error.contains(&format!("'--port <PATH>' cannot be used with '{}", more[0])),
+            "{error}"
+        );
+    }
+}
+
+/// 400 s are 80 000 increments, and the controller's memory takes 65 535.
+#[test]
+fn a_program_that_the_controller_cannot_hold_is_run_in_parts() {
+    let folder = folder();
+    let program = written(folder.path(), "x10 t2\nx0 t200\nx-5 t198\ne\n");
+    let data = folder.path().join("out.csv");
+    let report = json(&servo(&["run", &program, "--json", "--in-process", "--csv", data.to_str().unwrap()]));
+    assert_eq!((report["outcome"].as_str(), report["ticks"].as_u64()), (Some("completed"), Some(80_000)));
+    let ends = (report["set_counts"].as_i64(), report["rig"]["boards"]["servo"]["at_end"]["set_point_counts"].as_i64());
+    assert_eq!(ends, (Some(625), Some(625)));
+    assert_eq!(report["actual_counts"].as_i64().map(|actual| (actual - 625).abs() <= 4), Some(true), "{report}");
+    let data = fs::read_to_string(data).unwrap();
+    assert_eq!(data.lines().count(), 80_001);
+    // Each tick has its time, over both parts.
+    let times = data.lines().skip(1).map(|line| line.split(',').next().unwrap().parse::<f64>().unwrap());
+    assert!(times.enumerate().all(|(n, time)| (time - (n + 1) as f64 * 0.005).abs() < 1e-6));
+}
+
+#[test]
 fn what_cannot_be_driven_is_not_sent() {
     let folder = folder();
     let program = written(folder.path(), "x1 t1\nx-2 t2\ne\n");
@@ -240,63 +301,6 @@ fn each_machine_has_its_own_program() {
     let program = written(folder.path(), "x10 t2\ne\n");
     let (code, _, error) = told(&servo(&["run", "--rig", "lathe", &program]));
     assert!(code == Some(2) && error.contains("the rig 'lathe' speaks lathe, not servo: use 'torno run'"), "{error}");
-}
-
-#[test]
-fn at_a_serial_port_it_is_the_same() {
-    let up = Up::start(&["servo"]);
-    let port = up.link();
-    let port = port.to_str().unwrap();
-    let folder = folder();
-    let program = written(folder.path(), "x4 t0.5\nx0 t0.3\ne\n");
-    // The first port is not there; the second has the controller.
-    let output = servo(&["run", &program, "--port", "/dev/nowhere", "--port", port, "--kx", "20", "--json"]);
-    let report = json(&output);
-    assert_eq!((report["outcome"].as_str(), report["ticks"].as_u64()), (Some("completed"), Some(160)));
-    assert_eq!((report["set_counts"].as_i64(), report["kx"].as_u64()), (Some(500), Some(20)));
-    assert!(told(&output).2.contains("cannot open the serial port '/dev/nowhere'"));
-    // The port is free again, and the controller has kept what it was told.
-    let (code, out, _) = told(&servo(&["link", "--port", port, "--lang", "pl"]));
-    assert_eq!((code, out), (Some(0), format!("sterownik połączony: {port}\nKx 20, Kv 0\n")));
-}
-
-/// A terminal: its master side, and the path of the other.
-fn pty() -> (fs::File, PathBuf) {
-    use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
-    let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
-    grantpt(&master).and_then(|()| unlockpt(&master)).unwrap();
-    let path = PathBuf::from(ptsname(&master, Vec::new()).unwrap().into_string().unwrap());
-    (master.into(), path)
-}
-
-/// What `torno servo link` says of a port at which somebody answers so, and how long it took.
-fn answered(answer: &'static [u8]) -> (Option<i32>, String, Duration) {
-    let (mut master, path) = pty();
-    let answering = std::thread::spawn(move || {
-        let mut byte = [0];
-        // After the client has gone there is nothing to read.
-        while master.read(&mut byte).is_ok_and(|n| n > 0) {
-            if byte == *b"C" {
-                master.write_all(answer).unwrap();
-            }
-        }
-    });
-    let begun = Instant::now();
-    let (code, _, error) = told(&servo(&["link", "--port", path.to_str().unwrap(), "--lang", "pl"]));
-    let took = begun.elapsed();
-    drop(answering);
-    (code, error, took)
-}
-
-#[test]
-fn a_port_without_a_controller_is_told_within_two_seconds() {
-    let (code, error, took) = answered(b"");
-    assert!(code == Some(1) && error.contains("no answer from the controller on /dev/pts/"), "{error}");
-    assert!(error.ends_with("Brak odpowiedzi sterownika !\n") && took < Duration::from_secs(2), "{error} {took:?}");
-    let (code, error, _) = answered(b"AT\r\n");
-    assert!(code == Some(1) && error.contains("expected 63 ('c'), found 41"), "{error}");
-    let (code, _, error) = told(&servo(&["link", "--port", "/dev/nowhere"]));
-    assert!(code == Some(2) && error.contains("cannot open the serial port '/dev/nowhere'"), "{error}");
 }
 
 #[test]
