@@ -199,6 +199,21 @@ fn plot_draws_the_way_over_time() {
 }
 
 #[test]
+fn a_picture_is_what_its_name_says_in_the_colours_that_are_asked_for() {
+    let folder = folder();
+    let program = written(folder.path(), "x10 t2\ne\n");
+    let picture = folder.path().join("out.png");
+    let colours = ["--colour", "background=102030", "--colour", "line1=ffcc00"];
+    let plot = |more: &[&str]| servo(&[&["plot", &program], more, &colours[..]].concat());
+    assert_eq!(told(&plot(&["-o", picture.to_str().unwrap()])), (Some(0), String::new(), String::new()));
+    assert!(fs::read(picture).unwrap().starts_with(b"\x89PNG\r\n\x1a\n"));
+    let svg = told(&plot(&[])).1;
+    assert!(svg.contains("#102030") && svg.contains("#FFCC00") && !svg.contains("#FFFFFF"), "{svg}");
+    let (code, _, error) = told(&servo(&["plot", &program, "--colour", "bakground=ffffff"]));
+    assert!(code == Some(2) && error.contains("there is no part 'bakground': did you mean 'background'?"), "{error}");
+}
+
+#[test]
 fn run_reports_draws_and_writes_the_data() {
     let folder = folder();
     let program = written(folder.path(), "x32 t2\nx0 t0.5\ne\n");

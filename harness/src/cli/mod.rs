@@ -218,8 +218,8 @@ fn load_trace(path: &Path) -> anyhow::Result<(Trace, Option<Damage>)> {
 }
 
 /// A result on standard output. That nobody reads it is no error.
-fn print(text: &str) -> anyhow::Result<()> {
-    match io::stdout().lock().write_all(text.as_bytes()).and_then(|()| io::stdout().flush()) {
+fn print(text: &(impl AsRef<[u8]> + ?Sized)) -> anyhow::Result<()> {
+    match io::stdout().lock().write_all(text.as_ref()).and_then(|()| io::stdout().flush()) {
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
         written => written.context("cannot write the result"),
     }

@@ -5,6 +5,9 @@ use std::fmt;
 use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint, Ranged};
 use plotters::prelude::*;
 
+use super::bitmap::{Bitmap, Picture};
+use super::colours::{Colours, LINES as COLOURS};
+
 /// The width of a plot, in px.
 const WIDTH: u32 = 960;
 /// The height of a panel of height 1, in px.
@@ -17,17 +20,6 @@ const LEFT: i32 = 84;
 const LEGEND: (i32, i32) = (56, 18);
 /// A letter's width, in px, about.
 const LETTER: f64 = 7.0;
-/// Colours that are told apart by most eyes (Okabe and Ito).
-const COLOURS: [RGBColor; 6] = [
-    RGBColor(0, 114, 178),
-    RGBColor(213, 94, 0),
-    RGBColor(0, 158, 115),
-    RGBColor(204, 121, 167),
-    RGBColor(86, 180, 233),
-    RGBColor(230, 159, 0),
-];
-const DATA: RGBColor = RGBColor(110, 110, 110);
-
 /// Panels below a title.
 #[derive(Clone, Debug, Default)]
 pub struct Figure {
@@ -91,6 +83,9 @@ impl Series {
     }
 }
 
+/// A part of a drawing.
+type Area<B> = DrawingArea<B, plotters::coord::Shift>;
+
 /// Why there is no plot.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot draw: {0}")]
@@ -108,23 +103,49 @@ impl Figure {
     /// # Errors
     /// [`PlotError`] if it cannot be drawn.
     pub fn svg(&self) -> Result<String, PlotError> {
-        let heights: Vec<u32> = self.panels.iter().map(|panel| (HEIGHT * panel.height) as u32).collect();
+        self.svg_in(&Colours::default())
+    }
+
+    /// The same, in these colours.
+    ///
+    /// # Errors
+    /// [`PlotError`] if it cannot be drawn.
+    pub fn svg_in(&self, colours: &Colours) -> Result<String, PlotError> {
         let mut svg = String::new();
-        {
-            let root =
-                SVGBackend::with_string(&mut svg, (WIDTH, TITLE + heights.iter().sum::<u32>())).into_drawing_area();
-            root.fill(&WHITE).map_err(PlotError::of)?;
-            let title = ("sans-serif", 20).into_font().style(FontStyle::Bold);
-            let (above, mut rest) = root.split_vertically(TITLE);
-            above.draw(&Text::new(self.title.clone(), (16, 14), title.color(&BLACK))).map_err(PlotError::of)?;
-            for (panel, height) in self.panels.iter().zip(heights) {
-                let (area, below) = rest.split_vertically(height);
-                panel.draw(&area)?;
-                rest = below;
-            }
-            root.present().map_err(PlotError::of)?;
-        }
+        self.draw(SVGBackend::with_string(&mut svg, self.size()), colours)?;
         Ok(svg)
+    }
+
+    /// The figure as PNG, in these colours.
+    ///
+    /// # Errors
+    /// [`PlotError`] if it cannot be drawn.
+    pub fn png_in(&self, colours: &Colours) -> Result<Vec<u8>, PlotError> {
+        let mut picture = Picture::default();
+        self.draw(Bitmap::new(self.size(), &mut picture), colours)?;
+        picture.png().map_err(PlotError::of)
+    }
+
+    fn heights(&self) -> impl Iterator<Item = u32> {
+        self.panels.iter().map(|panel| (HEIGHT * panel.height) as u32)
+    }
+
+    fn size(&self) -> (u32, u32) {
+        (WIDTH, TITLE + self.heights().sum::<u32>())
+    }
+
+    fn draw<B: DrawingBackend>(&self, backend: B, colours: &Colours) -> Result<(), PlotError> {
+        let root = backend.into_drawing_area();
+        root.fill(&colours.background).map_err(PlotError::of)?;
+        let title = ("sans-serif", 20).into_font().style(FontStyle::Bold);
+        let (above, mut rest) = root.split_vertically(TITLE);
+        above.draw(&Text::new(self.title.clone(), (16, 14), title.color(&colours.text))).map_err(PlotError::of)?;
+        for (panel, height) in self.panels.iter().zip(self.heights()) {
+            let (area, below) = rest.split_vertically(height);
+            panel.draw(&area, colours)?;
+            rest = below;
+        }
+        root.present().map_err(PlotError::of)
     }
 }
 
@@ -196,12 +217,12 @@ fn drawn(
 }
 
 impl Panel {
-    fn draw(&self, area: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>) -> Result<(), PlotError> {
+    fn draw<B: DrawingBackend>(&self, area: &Area<B>, colours: &Colours) -> Result<(), PlotError> {
         let all = || self.series.iter().flat_map(|series| &series.points);
         let x = range(all().map(|(x, _)| *x), 0.0);
         let y = range(all().map(|(_, y)| *y), 0.06);
-        let area = &self.legend(area)?;
-        let label = ("sans-serif", 14).into_font();
+        let area = &self.legend(area, colours)?;
+        let label = ("sans-serif", 14).into_font().color(&colours.text);
         let mut chart = ChartBuilder::on(area)
             .margin(12)
             .margin_right(24)
@@ -212,10 +233,10 @@ impl Panel {
         chart
             .configure_mesh()
             .light_line_style(TRANSPARENT)
-            .bold_line_style(RGBColor(222, 222, 222))
-            .axis_style(RGBColor(80, 80, 80))
+            .bold_line_style(colours.grid)
+            .axis_style(colours.axes)
             .label_style(label.clone())
-            .axis_desc_style(("sans-serif", 15).into_font())
+            .axis_desc_style(("sans-serif", 15).into_font().color(&colours.text))
             .x_desc(self.x.as_str())
             .y_desc(self.y.as_str())
             .x_labels(10)
@@ -224,7 +245,7 @@ impl Panel {
             .y_label_formatter(&|y| number(*y))
             .draw()
             .map_err(PlotError::of)?;
-        for (series, colour) in self.series.iter().zip(self.colours()) {
+        for (series, colour) in self.series.iter().zip(self.colours(colours)) {
             let points = series.points.iter().copied();
             let line = colour.stroke_width(2);
             match series.style {
@@ -240,19 +261,16 @@ impl Panel {
     }
 
     /// Data are grey; each of the others has a colour of its own.
-    fn colours(&self) -> impl Iterator<Item = RGBColor> {
-        let mut colours = COLOURS.iter().cycle();
+    fn colours(&self, colours: &Colours) -> impl Iterator<Item = RGBColor> {
+        let (data, mut lines) = (colours.data, colours.lines.into_iter().cycle());
         self.series.iter().map(move |series| match series.style {
-            Style::Dots => DATA,
-            _ => *colours.next().unwrap_or(&BLACK),
+            Style::Dots => data,
+            _ => lines.next().unwrap_or(data),
         })
     }
 
     /// Draws the legend at the top, where it covers nothing, if there is more than one series; gives what is left.
-    fn legend<'a>(
-        &self,
-        area: &DrawingArea<SVGBackend<'a>, plotters::coord::Shift>,
-    ) -> Result<DrawingArea<SVGBackend<'a>, plotters::coord::Shift>, PlotError> {
+    fn legend<B: DrawingBackend>(&self, area: &Area<B>, colours: &Colours) -> Result<Area<B>, PlotError> {
         if self.series.len() < 2 {
             return Ok(area.clone());
         }
@@ -267,7 +285,7 @@ impl Panel {
             at
         };
         let places: Vec<(i32, i32)> = self.series.iter().map(place).collect();
-        for ((series, colour), (x, y)) in self.series.iter().zip(self.colours()).zip(places) {
+        for ((series, colour), (x, y)) in self.series.iter().zip(self.colours(colours)).zip(places) {
             let (line, ends) = (colour.stroke_width(2), vec![(x, y), (x + 24, y)]);
             match series.style {
                 Style::Dots => area.draw(&Circle::new((x + 12, y), 3, colour.filled())),
@@ -275,7 +293,7 @@ impl Panel {
                 Style::Dashed => area.draw(&plotters::element::DashedPathElement::new(ends, 7, 5, line)),
             }
             .map_err(PlotError::of)?;
-            let words = ("sans-serif", 14).into_font();
+            let words = ("sans-serif", 14).into_font().color(&colours.text);
             area.draw(&Text::new(series.name.clone(), (x + 32, y - 7), words)).map_err(PlotError::of)?;
         }
         Ok(area.split_vertically(rows * LEGEND.1).1)

@@ -7,7 +7,7 @@ use serde_json::json;
 use torno::servo::contour::{self, Contour};
 use torno_servo::contour::{Shape, Task};
 
-use super::{RIG, draw, load_rig, print};
+use super::{Paint, RIG, load_rig, print};
 
 /// A path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -44,9 +44,11 @@ pub(super) struct Arguments {
     /// The motors' time constant, in s
     #[arg(long, default_value_t = 0.03, value_name = "S", value_parser = tau)]
     tau: f64,
-    /// Draws the paths, as SVG; '-' is standard output
+    /// Draws the paths, as SVG or, if its name ends in .png, as PNG; '-' is standard output, as SVG
     #[arg(short, long, value_name = "FILE")]
     out: Option<PathBuf>,
+    #[command(flatten)]
+    paint: Paint,
     /// Prints the result as one line of JSON
     #[arg(long)]
     json: bool,
@@ -90,7 +92,7 @@ impl Arguments {
             contours.push(contour::drive(&file, task, kx, self.tau).await?);
         }
         if let Some(path) = &self.out {
-            draw(path, &contour::figure(&contours))?;
+            self.paint.draw(path, &contour::figure(&contours))?;
         }
         let of = |contour: &Contour| {
             let Contour { measured, sampled, predicted, .. } = contour;

@@ -13,6 +13,7 @@ use anyhow::Context;
 use serde_json::json;
 use torno::observe::log;
 use torno::report::plot::Figure;
+use torno::report::{Colouring, Colours};
 use torno::rig::file::RigFile;
 use torno::send::SendError;
 use torno::servo::report::graph;
@@ -63,6 +64,14 @@ struct Stand {
     lang: Language,
 }
 
+/// The colours of a picture.
+#[derive(Debug, clap::Args)]
+struct Paint {
+    /// A colour in the picture: background, grid, axes, text, data, or line1 to line6 (may be given several times)
+    #[arg(long, value_name = "PART=RRGGBB")]
+    colour: Vec<Colouring>,
+}
+
 #[derive(Debug, clap::Args)]
 struct Check {
     /// The motion program
@@ -78,9 +87,11 @@ struct Check {
 struct Plot {
     /// The motion program
     program: PathBuf,
-    /// The picture, as SVG [default: standard output]
+    /// The picture, as SVG or, if its name ends in .png, as PNG [default: SVG on standard output]
     #[arg(short, long, value_name = "FILE")]
     out: Option<PathBuf>,
+    #[command(flatten)]
+    paint: Paint,
     #[command(flatten)]
     stand: Stand,
 }
@@ -220,20 +231,27 @@ impl Plot {
             return Ok(ExitCode::from(FAILED));
         };
         let out = self.out.unwrap_or_else(|| PathBuf::from("-"));
-        draw(&out, &graph(&source.name, program))?;
+        self.paint.draw(&out, &graph(&source.name, program))?;
         Ok(ExitCode::SUCCESS)
     }
 }
 
-fn draw(path: &Path, figure: &Figure) -> anyhow::Result<()> {
-    write(path, &figure.svg()?)
+impl Paint {
+    /// The picture, as its name says.
+    fn draw(&self, path: &Path, figure: &Figure) -> anyhow::Result<()> {
+        let colours = Colours::with(&self.colour);
+        if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")) {
+            return write(path, &figure.png_in(&colours)?);
+        }
+        write(path, figure.svg_in(&colours)?.as_bytes())
+    }
 }
 
-fn write(path: &Path, text: &str) -> anyhow::Result<()> {
+fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     if path == Path::new("-") {
-        return print(text);
+        return print(bytes);
     }
-    std::fs::write(path, text).with_context(|| format!("cannot write '{}'", path.display()))
+    std::fs::write(path, bytes).with_context(|| format!("cannot write '{}'", path.display()))
 }
 
 /// What came of a conversation with the controller. If it has none, the exit code.

@@ -11,7 +11,9 @@ use torno::servo::controller::parts;
 use torno::servo::{Controller, Ended, Left, Line, Report, RigLine};
 use torno::trace::Header;
 
-use super::{FAILED, INTERRUPTED, Interrupt, Place, Source, Stand, draw, driver, gains, print, start_recording, write};
+use super::{
+    FAILED, INTERRUPTED, Interrupt, Paint, Place, Source, Stand, driver, gains, print, start_recording, write,
+};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -42,9 +44,12 @@ pub(super) struct Arguments {
     /// Writes a page to look at: motion, the line, the figures (HTML, one file)
     #[arg(long, value_name = "FILE", conflicts_with = "port")]
     report: Option<PathBuf>,
-    /// Draws the run: positions, and the following error of the last 4 s, as SVG; '-' is standard output
+    /// Draws the run: positions, and the following error of the last 4 s, as SVG or, if its name ends in .png, as PNG;
+    /// '-' is standard output, as SVG
     #[arg(short, long, value_name = "FILE")]
     out: Option<PathBuf>,
+    #[command(flatten)]
+    paint: Paint,
     /// Writes the data, a line a tick; '-' is standard output
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
@@ -157,10 +162,10 @@ impl Arguments {
 
     fn tell(&self, report: &Report) -> anyhow::Result<ExitCode> {
         if let Some(path) = &self.out {
-            draw(path, &report.figure())?;
+            self.paint.draw(path, &report.figure())?;
         }
         if let Some(path) = &self.csv {
-            write(path, &report.csv())?;
+            write(path, report.csv().as_bytes())?;
         }
         let on_output = [&self.out, &self.csv].into_iter().flatten().any(|path| path == Path::new("-"));
         let text = if self.json { format!("{}\n", report.json()) } else { report.text() };
