@@ -10,7 +10,7 @@ use std::path::Path;
 use std::process::Output;
 use std::rc::Rc;
 
-use common::{folder, json, output};
+use common::{folder, json, output, torno};
 use torno::rig::Driver;
 use torno::rig::file::RigFile;
 use torno::servo::{Controller, Ended, Gain, RigLine, Sample, contour};
@@ -211,6 +211,26 @@ fn a_picture_is_what_its_name_says_in_the_colours_that_are_asked_for() {
     assert!(svg.contains("#102030") && svg.contains("#FFCC00") && !svg.contains("#FFFFFF"), "{svg}");
     let (code, _, error) = told(&servo(&["plot", &program, "--colour", "bakground=ffffff"]));
     assert!(code == Some(2) && error.contains("there is no part 'bakground': did you mean 'background'?"), "{error}");
+}
+
+/// The pictures in the documentation are what its commands draw.
+#[test]
+fn the_pictures_that_are_shown_are_those_that_are_drawn() {
+    let folder = folder();
+    fs::write(folder.path().join("ramps.txt"), "p0 k10 x5\nx10 t1\np10 k0 x5\nx0 t0.5\ne\n").unwrap();
+    fs::write(folder.path().join("wrap.txt"), "x32 t2\nx0 t0.5\ne\n").unwrap();
+    for (picture, arguments) in [
+        ("servo-kv-0.svg", "run ramps.txt --kx 20 --kv 0"),
+        ("servo-kv-195.svg", "run ramps.txt --kx 20 --kv 195"),
+        ("servo-wrap.svg", "run wrap.txt --kx 12 --kv 0"),
+        ("servo-contour.svg", "contour"),
+    ] {
+        let arguments: Vec<&str> = ["servo"].into_iter().chain(arguments.split(' ')).chain(["-o", "-"]).collect();
+        let drawn = torno(&arguments).current_dir(folder.path()).output().unwrap();
+        let shown = format!("{}/../docs/{picture}", env!("CARGO_MANIFEST_DIR"));
+        let shown = fs::read(shown).unwrap_or_default();
+        assert!(drawn.stdout == shown, "repeat: torno {} docs/{picture}", arguments[..arguments.len() - 1].join(" "));
+    }
 }
 
 #[test]

@@ -101,25 +101,41 @@ impl Contour {
         format!("{:<15} deviation {measured:7.4} mm; sampled loop {sampled:7.4} mm{formulas}\n", self.name())
     }
 
-    /// The asked path and the driven one, with what it leaves magnified.
-    pub fn panel(&self) -> Panel {
+    /// The asked path and the driven one, with what it leaves magnified, and what else is to be seen beside them.
+    fn panel(&self, beside: Option<Series>) -> Panel {
         let times = self.times();
         let driven = self.task.magnified(&self.driven, times);
         let name = if times > 1.0 { format!("driven, deviation x {times}") } else { "driven".to_owned() };
         let [kvx, kvy] = self.axes.kv;
+        let asked = Series::new("asked", Style::Dashed, self.task.asked());
+        let series: Vec<Series> = [asked, Series::new(name, Style::Line, driven)].into_iter().chain(beside).collect();
         Panel {
             x: format!("x, mm ({}, KV {kvx:.1} and {kvy:.1} 1/s)", self.name()),
             y: "y, mm".to_owned(),
-            height: 2.0,
-            series: vec![
-                Series::new("asked", Style::Dashed, self.task.asked()),
-                Series::new(name, Style::Line, driven),
-            ],
+            height: to_scale(&series),
+            series,
         }
     }
 }
 
-/// The pictures of several paths, one below the other.
+/// The height at which a millimetre is as long upwards as along, about.
+fn to_scale(series: &[Series]) -> f64 {
+    let extent = |of: fn(&Place) -> f64| {
+        let all = series.iter().flat_map(|series| series.points.iter().map(of));
+        let (least, most) = all.fold((f64::MAX, f64::MIN), |(least, most), at| (least.min(at), most.max(at)));
+        (most - least).max(f64::MIN_POSITIVE)
+    };
+    // A panel is 2 1/4 as wide as high, with its room for names and numbers.
+    (0.2 + 2.25 * extent(|place| place.1) / extent(|place| place.0)).clamp(0.6, 2.6)
+}
+
+/// The pictures of several paths, one below the other. From point to point is seen beside contour control.
 pub fn figure(contours: &[Contour]) -> Figure {
-    Figure { title: "Dynamic path deviation".to_owned(), panels: contours.iter().map(Contour::panel).collect() }
+    let straight = contours.iter().find(|contour| contour.task.shape == Shape::Straight);
+    let beside = |contour: &Contour| {
+        let other = straight.filter(|_| contour.task.shape == Shape::Points)?;
+        Some(Series::new("driven with contour control", Style::Line, other.task.magnified(&other.driven, 1.0)))
+    };
+    let panels = contours.iter().map(|contour| contour.panel(beside(contour))).collect();
+    Figure { title: "Dynamic path deviation".to_owned(), panels }
 }
