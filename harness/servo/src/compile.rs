@@ -60,7 +60,8 @@ impl Compiled {
 
 /// Compiles a program.
 pub fn compile(text: &str, limits: &Limits) -> Compiled {
-    let mut compiler = Compiler { limits, findings: Vec::new(), motions: Vec::new(), seconds: 0.0, mm: 0.0 };
+    let mut compiler =
+        Compiler { limits, findings: Vec::new(), motions: Vec::new(), seconds: 0.0, mm: 0.0, lost: false };
     let ended = compiler.lines(text);
     let Compiler { findings, motions, .. } = &mut compiler;
     let lines = text.lines().count().max(1);
@@ -86,6 +87,8 @@ struct Compiler<'a> {
     /// Where the next element begins.
     seconds: f64,
     mm: f64,
+    /// An element is missing: where the others go is not known.
+    lost: bool,
 }
 
 /// A word of a line.
@@ -120,11 +123,10 @@ impl Compiler<'_> {
                     }
                     return Some((number, column));
                 }
-                _ => {
-                    if let Some(element) = self.element(number, line, &words) {
-                        self.place(number, line, element);
-                    }
-                }
+                _ => match self.element(number, line, &words) {
+                    Some(element) => self.place(number, line, element),
+                    None => self.lost = true,
+                },
             }
         }
         None
@@ -223,7 +225,8 @@ impl Compiler<'_> {
         } else if speed > speed_mm_s * (1.0 + ROUNDING) {
             self.tell_line(number, line, Problem::TooFast { speed_mm_s: speed, greatest_mm_s: speed_mm_s });
         }
-        if to_mm < -travel_mm * ROUNDING || to_mm > travel_mm * (1.0 + ROUNDING) {
+        let beyond = to_mm < -travel_mm * ROUNDING || to_mm > travel_mm * (1.0 + ROUNDING);
+        if beyond && !self.lost {
             self.tell_line(number, line, Problem::BeyondTravel { to_mm, travel_mm });
         }
         self.motions.push(motion);

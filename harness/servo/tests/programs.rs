@@ -105,6 +105,12 @@ fn all_errors_are_told_at_once() {
     assert_eq!(found, expected);
 }
 
+/// The sheet's misprinted pair: that line 2 goes below 0 follows from line 1, which is told.
+#[test]
+fn behind_a_line_that_is_wrong_nobody_knows_where_the_carriage_is() {
+    assert_eq!(messages("p5 k0 1x\np0 k-5 x-1\ne", Language::Polish), ["w linii 1 napotkano nieznany parametr"]);
+}
+
 #[test]
 fn what_the_stand_cannot_do_is_a_program_all_the_same() {
     for (text, message) in [

@@ -7,7 +7,7 @@ use torno::rig::Driver;
 use torno::servo::{Controller, Line, RigLine};
 use torno_servo::Language;
 
-use super::{Place, gains, language, print};
+use super::{Place, connected, gains, language, print};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -42,14 +42,10 @@ impl Arguments {
     async fn on<L: Line>(&self, mut controller: Controller<L>) -> anyhow::Result<ExitCode> {
         let (kx, kv) = gains(&mut controller, self.kx, self.kv).await?;
         let on = controller.line().name().to_owned();
-        let connected = match self.lang {
-            Language::English => "controller connected",
-            Language::Polish => "sterownik połączony",
-        };
         print(&if self.json {
             format!("{}\n", json!({ "on": on, "kx": kx, "kv": kv }))
         } else {
-            format!("{connected}: {on}\nKx {kx}, Kv {kv}\n")
+            format!("{}\nKx {kx}, Kv {kv}\n", connected(self.lang, &on))
         })?;
         Ok(ExitCode::SUCCESS)
     }

@@ -292,6 +292,14 @@ impl Place {
     }
 }
 
+/// That the controller has answered, and where (§3.1).
+fn connected(lang: Language, on: &str) -> String {
+    match lang {
+        Language::English => format!("controller connected: {on}"),
+        Language::Polish => format!("sterownik połączony: {on}"),
+    }
+}
+
 /// Sets the gains that are given; gives both, as the controller says.
 async fn gains<L: Line>(
     controller: &mut Controller<L>,

@@ -12,7 +12,8 @@ use torno::servo::{Controller, Ended, Left, Line, Report, RigLine};
 use torno::trace::Header;
 
 use super::{
-    FAILED, INTERRUPTED, Interrupt, Paint, Place, Source, Stand, driver, gains, print, start_recording, write,
+    FAILED, INTERRUPTED, Interrupt, Paint, Place, Source, Stand, connected, driver, gains, print, start_recording,
+    write,
 };
 
 #[derive(Debug, clap::Args)]
@@ -75,6 +76,7 @@ impl Arguments {
         }
         match self.place.port(self.stand.lang).await? {
             Ok(mut controller) => {
+                eprintln!("{}", connected(self.stand.lang, controller.line().name()));
                 let ran = self.on(&mut controller, &source).await;
                 // The port is free before anything is written.
                 drop(controller.disconnect());
