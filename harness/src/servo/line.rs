@@ -179,6 +179,9 @@ impl RigLine {
                 break;
             }
             let next = self.rig.engine().next_instant().min(until);
+            if let Some(recorder) = &mut self.recorder {
+                recorder.before_wait(self.brake.wall_until(next))?;
+            }
             tokio::select! {
                 () = self.rig.news() => {}
                 passed = self.brake.wait_past(next) => {
