@@ -6,7 +6,7 @@
 use std::convert::Infallible;
 
 use noto_sans_mono_bitmap::{FontWeight, RasterHeight, get_raster};
-use plotters_backend::rasterizer::{draw_circle, draw_line, draw_rect, fill_polygon, polygonize};
+use plotters_backend::rasterizer::{draw_circle, draw_line, fill_polygon, polygonize};
 use plotters_backend::text_anchor::{HPos, VPos};
 use plotters_backend::{
     BackendColor, BackendCoord, BackendStyle, BackendTextStyle, DrawingBackend, DrawingErrorKind, FontTransform,
@@ -79,6 +79,9 @@ fn fine((x, y): BackendCoord) -> BackendCoord {
 
 fn mix(below: &mut [u8], colour: BackendColor, share: f64) {
     let (red, green, blue) = colour.rgb;
+    if share >= 1.0 {
+        return below.copy_from_slice(&[red, green, blue]);
+    }
     for (below, above) in below.iter_mut().zip([red, green, blue]) {
         let mixed = f64::from(*below) + (f64::from(above) - f64::from(*below)) * share;
         *below = mixed.round() as u8;
@@ -149,6 +152,20 @@ fn extent(text: &str) -> (i32, i32) {
     ((text.chars().count() * letter.0) as i32, letter.1 as i32)
 }
 
+impl Points {
+    /// Fills a rectangle, its edges too.
+    fn fill(&mut self, from: BackendCoord, to: BackendCoord, colour: BackendColor) {
+        let span = |from: i32, to: i32, size: i32| {
+            let (from, to) = (from.min(to).clamp(0, size), (from.max(to) + 1).clamp(0, size));
+            from as usize..to as usize
+        };
+        let (columns, rows) = (span(from.0, to.0, self.size.0), span(from.1, to.1, self.size.1));
+        for row in self.colours.chunks_mut(self.size.0 as usize).skip(rows.start).take(rows.len()) {
+            row[columns.clone()].iter_mut().for_each(|point| mix(point, colour, colour.alpha));
+        }
+    }
+}
+
 impl DrawingBackend for Points {
     type ErrorType = Infallible;
 
@@ -194,7 +211,8 @@ impl DrawingBackend for Bitmap<'_> {
     fn draw_pixel(&mut self, at: BackendCoord, colour: BackendColor) -> Drawn {
         let (x, y) = fine(at);
         let last = FINE * POINTS - 1;
-        draw_rect(&mut self.points, (x, y), (x + last, y + last), &colour, true)
+        self.points.fill((x, y), (x + last, y + last), colour);
+        Ok(())
     }
 
     fn draw_line<S: BackendStyle>(&mut self, from: BackendCoord, to: BackendCoord, style: &S) -> Drawn {
@@ -203,7 +221,8 @@ impl DrawingBackend for Bitmap<'_> {
 
     fn draw_rect<S: BackendStyle>(&mut self, from: BackendCoord, to: BackendCoord, style: &S, fill: bool) -> Drawn {
         if fill {
-            return draw_rect(&mut self.points, fine(from), fine(to), &thick(style), true);
+            self.points.fill(fine(from), fine(to), style.color());
+            return Ok(());
         }
         let ((left, top), (right, bottom)) = (from, to);
         self.draw_path([from, (right, top), to, (left, bottom), from], style)
