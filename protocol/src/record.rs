@@ -239,7 +239,7 @@ mod tests {
 
     /// Byte-exact: if this fails, the version must change, not the test.
     #[test]
-    fn version_1_of_a_turn() {
+    fn version_5_of_a_turn() {
         let mut buffer = BytesMut::new();
         encode(&turn(), &mut buffer).unwrap();
         assert_eq!(buffer[..], [11, 0, 0, 0, 1, 128, 1, 0, 1, 0, 2, 1, 172, 2, 0]);
@@ -263,6 +263,50 @@ mod tests {
     fn a_record_that_is_too_long_is_refused() {
         let mut buffer = BytesMut::from(&[0xff, 0xff, 0xff, 0x7f, 0][..]);
         assert_eq!(decode::<ToBoard>(&mut buffer), Err(RecordError::TooLong(0x7fff_ffff)));
+    }
+
+    fn length(record: &impl Serialize) -> usize {
+        let mut buffer = BytesMut::new();
+        encode(record, &mut buffer).unwrap();
+        buffer.len()
+    }
+
+    /// A board that is mute for days of virtual time has much to tell when it is woken.
+    #[test]
+    fn what_is_much_goes_in_several_records() {
+        let telemetry = |n: u64| Timed {
+            at: Instant::from_nanos(u64::MAX - n),
+            output: Output::Telemetry { signal: 255, value: i64::MIN },
+        };
+        for count in [0, 1, 4_999, 5_000, 500_000, 500_001, 1_700_000] {
+            let outputs: Vec<Timed> = (0..count).map(telemetry).collect();
+            let batch = Batch { horizon: Instant::from_nanos(7), outputs: outputs.clone(), ..Batch::default() };
+            let mut told = Vec::new();
+            for record in batch.into_records() {
+                assert!(length(&record) <= LENGTH_MAX);
+                match record {
+                    FromBoard::Told(part) => told.extend(part),
+                    FromBoard::Batch(batch) if batch.horizon == Instant::from_nanos(7) => told.extend(batch.outputs),
+                    other => panic!("{other:?}"),
+                }
+            }
+            assert!(told == outputs, "{count}");
+        }
+    }
+
+    #[test]
+    fn noise_without_end_goes_in_several_records() {
+        let edge = |n: u64| Edge { at: Instant::from_nanos(u64::MAX - n), level: Level::Low };
+        let some = || Heard::Edges { port: 255, edges: (0..100_000).map(edge).collect() };
+        let turn = Turn { commit: Instant::from_nanos(9), heard: (0..23).map(|_| some()).collect(), ..Turn::default() };
+        let records: Vec<ToBoard> = turn.into_records().collect();
+        assert!(records.iter().all(|record| length(record) <= LENGTH_MAX));
+        let parts = records.iter().map(|record| match record {
+            ToBoard::Heard(heard) => heard.len(),
+            ToBoard::Turn(turn) if turn.commit == Instant::from_nanos(9) => turn.heard.len(),
+            other => panic!("{other:?}"),
+        });
+        assert_eq!(parts.sum::<usize>(), 23);
     }
 
     proptest! {

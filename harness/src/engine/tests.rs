@@ -770,3 +770,27 @@ fn what_would_wake_a_stopped_board_waits_until_it_goes_on() {
         assert!(facts.iter().any(|fact| matches!(fact, Fact::Edges { line: 3, .. })), "it goes on");
     }
 }
+
+/// A reset waits until a stopped process goes on; what its line carries then does not wait with it.
+#[test]
+fn what_waits_for_a_stopped_board_keeps_nothing_back() {
+    let ms = |ms: u64| Instant::START + Span::from_millis(ms);
+    let mut engine = Engine::new();
+    (0..2).for_each(|_| _ = engine.add_node(2));
+    let quiet = || Chatterbox::new(0, false, Span::ZERO, None);
+    let ring = Ring { boards: vec![quiet(), quiet()], stimuli: vec![], faults: vec![], reacts: None, losses: vec![] };
+    let lines: Vec<LineId> = ring.ends().into_iter().map(|(from, to)| engine.add_line(from, to)).collect();
+    let mut steppers: Vec<_> = ring.boards.into_iter().map(Stepper::new).collect();
+    let mut give = |engine: &mut Engine, turns: Vec<(NodeId, Turn)>| {
+        for (node, turn) in turns {
+            engine.answer(node, steppers[node].turn(&turn).unwrap()).unwrap();
+        }
+    };
+    bring_to(ms(50), &mut engine, &mut give);
+    engine.stop(0);
+    engine.stimulate(0, ms(60), Stimulus::Reset);
+    engine.disturb(lines[0], ms(70), &Disturbance::Stuck(Level::Low));
+    bring_to(ms(100), &mut engine, &mut give);
+    let low = Fact::Edges { line: lines[0], edges: vec![Edge { at: ms(70), level: Level::Low }] };
+    assert!(engine.take_facts().contains(&low));
+}
