@@ -191,6 +191,38 @@ fn dense_noise_is_the_same_however_time_is_cut() {
 }
 
 #[test]
+fn an_end_before_the_last_step_is_the_same_however_time_is_cut() {
+    let run_for = |spans: &[u64]| {
+        let step = |ns: &u64| format!("[[step]]\ndoes = \"waits\"\nrun = \"{ns} ns\"\n");
+        let steps: String = spans.iter().map(step).collect();
+        let text = format!(
+            "name = \"e\"\nrig = \"servo\"\nend = \"1 ms\"\n\
+             [[step]]\ndoes = \"sends\"\nsend = [\"X 20\"]\n{steps}"
+        );
+        let outcome = run(&Scenario::parse("end.toml", &text, None).unwrap(), &Driver::InProcess);
+        (outcome.digest, outcome.end)
+    };
+    assert_eq!(run_for(&[1_416_000]), run_for(&[1_000_000, 416_000]));
+}
+
+#[test]
+fn a_failure_shows_all_that_happened_before_it_in_its_order() {
+    let text = "name = \"context\"\n[[step]]\ndoes = \"at rest\"\nsend = [\"00 00 00 00 00 00 00 00\"]\n\
+                [[step]]\ndoes = \"for ever\"\nwait = { reply = \"CAN d n\", within = \"1 s\" }\n";
+    let scenario = Scenario::parse("context.toml", text, None).unwrap();
+    let [inside, sliced] =
+        [run(&scenario, &Driver::InProcess), in_slices(&scenario, Span::from_micros(700))].map(|outcome| {
+            let context = outcome.failures[0].context.clone();
+            assert!(context.iter().any(|line| line.contains("spindle: done")), "{context:?}");
+            let mut sorted = context.clone();
+            sorted.sort();
+            assert_eq!(context, sorted);
+            context
+        });
+    assert_eq!(inside, sliced);
+}
+
+#[test]
 fn a_busy_host_changes_nothing() {
     let stop = AtomicBool::new(false);
     std::thread::scope(|scope| {

@@ -131,6 +131,18 @@ fn a_failure_names_the_fewest_faults_that_cause_it() {
     let text = String::from_utf8(output.stdout).unwrap();
     assert!(text.contains("first failure: seed 0, by cable\n"), "{text}");
     assert!(text.contains("came      ACK XOFF CAN d n"), "{text}");
+    assert!(text.ends_with(&format!("\n  again     torno test '{}' --seed 0\n", path.display())), "{text}");
+
+    let varied = |more: &[&str]| text_of(&common::output(&[&["sweep", path.to_str().unwrap()], more].concat()));
+    let text = varied(&["--seeds", "2", "--vary", "fault.cable.at=10 ms,20 ms"]);
+    let again = format!("torno sweep '{}' --seed 0 --vary 'fault.cable.at=10 ms'", path.display());
+    assert!(text.ends_with(&format!("\n  again     {again}\n")), "{text}");
+    let text = varied(&["--seed", "0", "--vary", "fault.cable.at=10 ms"]);
+    assert!(text.contains("first failure: fault.cable.at = 10 ms, seed 0"), "{text}");
+}
+
+fn text_of(output: &std::process::Output) -> String {
+    String::from_utf8(output.stdout.clone()).unwrap()
 }
 
 #[test]

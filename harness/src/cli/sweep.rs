@@ -8,7 +8,7 @@ use std::str::FromStr;
 
 use anyhow::Context;
 use torno::observe::log;
-use torno::report::{Bar, Tested, seed_text};
+use torno::report::{Bar, Tested, seed_text, shell_word};
 use torno::rig::Driver;
 use torno::scenario::{Scenario, run_all};
 use torno::sweep::{Run, Scene, Table, Variation, Verdict, Whole, cells, merge, shrink};
@@ -24,6 +24,9 @@ pub(super) struct Arguments {
     /// Seeds 0 to N−1 for each combination of values
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
     seeds: u64,
+    /// This seed only: how a failure is looked at again
+    #[arg(long, value_name = "N", conflicts_with_all = ["seeds", "shard", "merge"])]
+    seed: Option<u64>,
     /// What to vary: fault.NAME.FIELD, line.LINE.noise, BOARD.TABLE.FIELD, BOARD.clock_ppm or pc.FIELD, as
     /// PLACE=FROM..TO, PLACE=FROM..TO/COUNT or PLACE=VALUE,VALUE… (may be given several times)
     #[arg(long, value_name = "PLACE=VALUES")]
@@ -92,8 +95,9 @@ impl Arguments {
         let scene = Scene::load(path)?;
         let variations = self.vary.iter().map(|text| Variation::parse(text)).collect::<Result<Vec<_>, _>>()?;
         let cells = cells(&variations);
-        let runs = self.seeds.saturating_mul(cells.len() as u64);
-        let sweep = Whole { files: scene.digest(), seeds: self.seeds, vary: self.vary.clone(), runs };
+        let seeds = self.seed.map_or(self.seeds, |_| 1);
+        let runs = seeds.saturating_mul(cells.len() as u64);
+        let sweep = Whole { files: scene.digest(), seeds, vary: self.vary.clone(), runs };
         let jobs = self.jobs(&cells);
         let scenarios = jobs.iter().map(|job| scene.with(&job.values, job.seed)).collect::<Result<Vec<_>, _>>()?;
         let named: Vec<(String, Scenario)> =
@@ -110,9 +114,13 @@ impl Arguments {
         self.tell(&runs, why.as_deref())
     }
 
+    fn seeds_of_each(&self) -> std::ops::Range<u64> {
+        self.seed.map_or(0..self.seeds, |seed| seed..seed.saturating_add(1))
+    }
+
     /// What this shard is to do.
     fn jobs(&self, cells: &[Vec<(String, String)>]) -> Vec<Job> {
-        let all = cells.iter().flat_map(|values| (0..self.seeds).map(move |seed| (values, seed)));
+        let all = cells.iter().flat_map(|values| self.seeds_of_each().map(move |seed| (values, seed)));
         let shard = self.shard.unwrap_or(Shard { part: 1, of: 1 });
         let ours = (0..).zip(all).filter(|(number, _)| number % shard.of == shard.part - 1);
         ours.map(|(number, (values, seed))| Job { number, values: values.clone(), seed }).collect()
@@ -162,8 +170,17 @@ fn why(scene: &Scene, job: &Job, tested: &Tested) -> anyhow::Result<String> {
     let faults =
         if needed.is_empty() { "even without a fault".to_owned() } else { format!("by {}", needed.join(", ")) };
     let failures: Vec<String> = tested.outcome.failures.iter().map(ToString::to_string).collect();
-    let seed = seed_text(job.seed, &tested.drawn);
-    Ok(format!("\nfirst failure: {}seed {seed}, {faults}\n{}\n", values.concat(), failures.join("\n")))
+    let (seed, again, failures) = (seed_text(job.seed, &tested.drawn), again(job, tested), failures.join("\n"));
+    Ok(format!("\nfirst failure: {}seed {seed}, {faults}\n{failures}\n  again     {again}\n", values.concat()))
+}
+
+/// The command that runs it again.
+fn again(job: &Job, tested: &Tested) -> String {
+    if job.values.is_empty() {
+        return tested.again();
+    }
+    let vary = job.values.iter().map(|(place, value)| format!(" --vary {}", shell_word(&format!("{place}={value}"))));
+    format!("torno sweep {} --seed {}{}", shell_word(&tested.path), job.seed, vary.collect::<String>())
 }
 
 /// The runs in a file of results, each with where it stands.

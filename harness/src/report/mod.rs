@@ -23,4 +23,4 @@ pub use part::{EventSummary, Measure, PartSummary, Worst};
 pub use progress::{Bar, Status};
 pub use stats::{BytesPerTurn, Shares, Stats};
 pub use summary::{BoardSummary, Frames, Summary, failures};
-pub use tested::{TestReport, Tested, seed_text};
+pub use tested::{TestReport, Tested, seed_text, shell_word};

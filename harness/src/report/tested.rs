@@ -29,9 +29,14 @@ pub struct Tested {
 
 impl Tested {
     /// The command that runs it again.
-    fn again(&self) -> String {
-        format!("torno test '{}' --seed {}", self.path, self.seed)
+    pub fn again(&self) -> String {
+        format!("torno test {} --seed {}", shell_word(&self.path), self.seed)
     }
+}
+
+/// A word as a shell takes it.
+pub fn shell_word(text: &str) -> String {
+    format!("'{}'", text.replace('\'', r"'\''"))
 }
 
 /// Where everything random comes from, and what has been drawn from it.

@@ -18,6 +18,8 @@ use crate::trace::{self, Recorder, SessionError};
 const BEGIN: Span = Span::from_millis(10);
 /// So many lines of what happened before are kept for a failure.
 const CONTEXT: usize = 16;
+/// So many are remembered: some may have come early.
+const REMEMBERED: usize = 64;
 
 /// How a scenario ended.
 #[derive(Clone, Debug)]
@@ -214,6 +216,7 @@ impl<'a> Conductor<'a> {
                 Ok(Ok(()))
             }
             None => {
+                self.catch_up(deadline).await?;
                 self.now = deadline;
                 let (came, node) = match condition {
                     Condition::Reply(_) if self.replies.count() == heard => ("no reply".to_owned(), None),
@@ -404,18 +407,20 @@ impl<'a> Conductor<'a> {
         })
     }
 
+    /// Boards are settled one after the other: what comes later can have been earlier.
     fn note(&mut self, at: Instant, line: &str) {
-        if self.context.len() == CONTEXT {
+        let place = self.context.partition_point(|(other, _)| *other <= at);
+        self.context.insert(place, (at, line.to_owned()));
+        if self.context.len() > REMEMBERED {
             self.context.pop_front();
         }
-        self.context.push_back((at, line.to_owned()));
     }
 
-    /// What has happened by `until`, in order: faults are noted ahead of their time.
+    /// What has happened last by `until`, in order: faults are noted ahead of their time.
     fn context(&self, until: Instant) -> impl Iterator<Item = String> {
-        let mut lines: Vec<_> = self.context.iter().filter(|(at, _)| *at <= until).collect();
-        lines.sort_by_key(|(at, _)| *at);
-        lines.into_iter().map(|(at, line)| format!("{at}  {line}"))
+        let known = self.context.partition_point(|(at, _)| *at <= until);
+        let lines = self.context.range(known.saturating_sub(CONTEXT)..known);
+        lines.map(|(at, line)| format!("{at}  {line}"))
     }
 
     async fn finish(mut self, passed: bool) -> Result<Outcome, SessionError> {
@@ -449,7 +454,7 @@ impl<'a> Conductor<'a> {
         if self.rig.engine().is_undisturbed() && self.faults.next().is_none() && self.slice.is_none() {
             // Nobody has to be asked on the way whether it is over.
             while !self.rig.engine().is_quiet() && self.rig.step(Limit::until(limit)).await? {}
-            let quiet = self.quiet_end();
+            let quiet = self.quiet_end().map(|end| end.min(limit));
             let end = quiet.unwrap_or(limit);
             // Boards that are mute may have told more of themselves than the scenario lasts.
             let mut facts = self.rig.take_facts();
@@ -462,7 +467,7 @@ impl<'a> Conductor<'a> {
         loop {
             self.advance(self.now, None).await?;
             if let Some(end) = self.quiet_end() {
-                return Ok(end);
+                return Ok(end.min(limit));
             }
             if self.now >= limit {
                 return Ok(limit);
