@@ -513,12 +513,13 @@ impl Engine {
         self.silence().map_or(next, |silence| silence.deadline.min(next))
     }
 
-    /// The board's process has stopped: it hangs, reset or not, from the end of what it has told. Says from when.
+    /// The board's process has stopped: it hangs, reset or not, from the end of what it has told, or from where it was to
+    /// go on if it has not come as far. Says from when.
     pub fn stop(&mut self, node: NodeId) -> Instant {
         if self.nodes[node].life != Life::Runs {
             return self.nodes[node].commit;
         }
-        let at = self.halt(node, Life::Stopped);
+        let at = self.halt(node, Life::Stopped).max(self.nodes[node].resumed);
         self.hear(node, Heard::Stimulus { at, stimulus: Stimulus::Stop(true) });
         at
     }
@@ -527,7 +528,7 @@ impl Engine {
     pub fn resume(&mut self, node: NodeId) -> Instant {
         let at = self.frontier();
         if self.nodes[node].life == Life::Stopped {
-            self.nodes[node].life = Life::Runs;
+            (self.nodes[node].life, self.nodes[node].resumed) = (Life::Runs, at);
             self.hear(node, Heard::Stimulus { at, stimulus: Stimulus::Stop(false) });
         }
         at

@@ -40,6 +40,8 @@ impl std::fmt::Display for Life {
 #[derive(Debug)]
 pub(super) struct Node {
     pub(super) life: Life,
+    /// Where it went on last, after it had been stopped.
+    pub(super) resumed: Instant,
     pub(super) sends_to: Vec<Option<LineId>>,
     /// Which port hears which line.
     pub(super) hears: Vec<(usize, LineId)>,
@@ -89,6 +91,7 @@ impl Node {
     pub(super) fn new(ports: usize) -> Self {
         Self {
             life: Life::Runs,
+            resumed: Instant::START,
             sends_to: vec![None; ports],
             hears: Vec::new(),
             commit: Instant::START,

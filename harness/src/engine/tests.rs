@@ -289,8 +289,11 @@ impl Ring {
                 assert_eq!(at, fault.from);
                 fault.until.map(|until| engine.heal(id, until));
             }
-            for (_, node, life) in self.losses.iter().filter(|(at, ..)| *at == limit) {
+            let lost = self.losses.iter().filter(|(at, ..)| *at == limit);
+            if lost.clone().next().is_some() {
                 bring_to(limit, &mut engine, &mut give);
+            }
+            for (_, node, life) in lost {
                 _ = match life {
                     Life::Gone => engine.kill(*node),
                     Life::Stopped => engine.stop(*node),
@@ -465,14 +468,22 @@ proptest! {
         ring in rings(),
         faults in prop::collection::vec(noises(), 1..3),
         node in 0..2usize,
-        mut stop in [instants(0..3_000), instants(0..3_500)],
+        mut stops in prop::collection::vec(instants(0..3_500), 2..5),
         slice in 300..100_000u64,
     ) {
-        stop.sort();
+        stops.sort();
+        stops.dedup();
+        // Between the first and the last it goes on for no time at all: too short to catch up.
+        let (first, last) = (0, stops.len() - 1);
+        let lives = stops.iter().enumerate().flat_map(|(n, at)| {
+            let runs = (n > first).then_some((*at, node, Life::Runs));
+            runs.into_iter().chain((n < last).then_some((*at, node, Life::Stopped)))
+        });
         let until = Instant::START + Span::from_millis(3_500);
-        let losses = stop.into_iter().zip([Life::Stopped, Life::Runs]).map(|(at, life)| (at, node, life)).collect();
+        let losses: Vec<_> = lives.collect();
+        let stimuli = losses.iter().map(|(at, node, life)| (*node, *at, Stimulus::Stop(*life == Life::Stopped)));
+        let stimuli = stimuli.collect();
         let stopped = Ring { stimuli: vec![], faults, losses, ..ring };
-        let stimuli = stop.into_iter().zip([true, false]).map(|(at, stop)| (node, at, Stimulus::Stop(stop))).collect();
         let hung = Ring { stimuli, losses: vec![], ..stopped.clone() };
         let cuts = (1..3_500_000 / slice).map(|n| Instant::START + Span::from_micros(n * slice));
         let cuts: Vec<Instant> = cuts.collect();
