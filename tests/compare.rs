@@ -211,7 +211,7 @@ fn what_cannot_be_compared_is_said() {
         (&["compare", "lathe", "late"], "cannot read the rig file 'late' (built-in rigs: lathe, lathe-dspic, servo)"),
         (&["compare", "lathe", "servo"], "the rig 'servo' speaks servo: use 'torno servo"),
         (&["compare", "lathe", "lathe-dspic", "none.frames"], "cannot read the program 'none.frames'"),
-        (&["identify", "lathe-dspic", "dspic"], "board 'dspic' has several motors (spindle, transverse, depth)"),
+        (&["identify", "lathe-dspic", "dspic"], "board 'dspic' has several motors: expected one of dspic.spindle, "),
     ] {
         let output = output(arguments);
         let error = String::from_utf8(output.stderr).unwrap();

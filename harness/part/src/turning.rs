@@ -99,6 +99,9 @@ pub struct Turning {
     profile: Profile,
     at: f64,
     place: Place,
+    /// Where a straight way along the bar began on which nothing can happen but a deep cut: it is cut at once when it
+    /// is long enough, as most of what a nose sweeps on a short one it sweeps again on the next.
+    began: Option<Place>,
     /// When each axis moved last, in s.
     moved: Place,
     rpm: f64,
@@ -117,6 +120,7 @@ impl Turning {
             profile: bar,
             at: 0.0,
             place,
+            began: None,
             moved: Place::default(),
             rpm: 0.0,
             cut: (0.0, 0.0),
@@ -125,15 +129,30 @@ impl Turning {
     }
 
     /// The spindle turns at so many rpm from now on.
-    pub const fn spin(&mut self, rpm: f64) {
+    pub fn spin(&mut self, rpm: f64) {
+        if rpm == 0.0 {
+            self.catch_up();
+        }
         self.rpm = rpm;
     }
 
     /// By `at`, in s and never before the last, the tool has gone straight to a place.
     pub fn go(&mut self, at: f64, to: Place) {
+        let feed = self.feed(at, to);
+        let beyond = -self.profile.out() - to.z;
+        let began = self.began.unwrap_or(self.place);
+        let onward = (to.z - self.place.z) * (self.place.z - began.z) >= 0.0;
+        let harmless = self.rpm != 0.0 && feed <= self.limits.feed && beyond <= 0.0;
+        if harmless && onward && to.x == self.place.x {
+            (self.at, self.place, self.began) = (at, to, Some(began));
+            if (to.z - began.z).abs() >= MEAN_OVER {
+                self.catch_up();
+            }
+            return;
+        }
+        self.catch_up();
         let from = self.place;
         let shaving = self.profile.cut(&self.nose, from, to);
-        let feed = self.feed(at, to);
         (self.at, self.place) = (at, to);
         if shaving.thickest > TOUCH {
             if self.rpm == 0.0 {
@@ -144,9 +163,16 @@ impl Turning {
             }
         }
         self.watch_depth(shaving.area, from);
-        let beyond = -self.profile.out() - to.z;
         if beyond > 0.0 && self.limits.chuck.is_none_or(|radius| to.x < radius) {
             self.note(Event::Chuck, beyond);
+        }
+    }
+
+    /// Cuts what has been gone and not cut yet.
+    fn catch_up(&mut self) {
+        if let Some(from) = self.began.take() {
+            let shaving = self.profile.cut(&self.nose, from, self.place);
+            self.watch_depth(shaving.area, from);
         }
     }
 
@@ -193,7 +219,8 @@ impl Turning {
     }
 
     /// What is left of the bar, and what should not have happened.
-    pub fn finish(self) -> (Profile, Vec<Happening>) {
+    pub fn finish(mut self) -> (Profile, Vec<Happening>) {
+        self.catch_up();
         (self.profile, self.happenings)
     }
 }
