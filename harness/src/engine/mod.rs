@@ -513,8 +513,8 @@ impl Engine {
         self.silence().map_or(next, |silence| silence.deadline.min(next))
     }
 
-    /// The board's process has stopped: it hangs, reset or not, from the end of what it has told, or from where it was to
-    /// go on if it has not come as far. Says from when.
+    /// The board's process has stopped: it hangs, reset or not, from the end of what it has told, or from where it was
+    /// to go on if it has not come as far. Says from when.
     pub fn stop(&mut self, node: NodeId) -> Instant {
         if self.nodes[node].life != Life::Runs {
             return self.nodes[node].commit;
@@ -715,5 +715,7 @@ impl Engine {
     }
 }
 
+#[cfg(test)]
+mod chatterbox;
 #[cfg(test)]
 mod tests;
