@@ -9,9 +9,9 @@ use std::process::Output;
 
 use common::{ACK, AT_REST, Up, XON, folder, kill, output, test, wait_until};
 use serde_json::Value;
-use torno::engine::Fact;
 use torno::rig::Driver;
 use torno::scenario::{self, Outcome, Scenario};
+use torno_engine::Fact;
 use torno_protocol::line::Level;
 use torno_protocol::time::Span;
 

@@ -15,12 +15,12 @@ use common::{ACK, CAN, XOFF, XON, folder, is_installed, json, output};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde_json::Value;
-use torno::engine::Limit;
 use torno::observe::Digest;
 use torno::pc::PcUart;
 use torno::play::{Careful, DEMONSTRATION};
 use torno::rig::file::RigFile;
 use torno::rig::{Driver, Rig};
+use torno_engine::Limit;
 use torno_protocol::board::Stimulus;
 use torno_protocol::time::{Instant, Span};
 

@@ -11,8 +11,8 @@ use tokio::io::unix::AsyncFd;
 use torno_protocol::record::Silence;
 use torno_protocol::time::{Instant, Span};
 
-use crate::engine::Limit;
 use crate::readable::readable;
+use torno_engine::Limit;
 
 /// A host that is further behind than this, in wall time, does not try to catch up.
 const BEHIND: Duration = Duration::from_secs(1);

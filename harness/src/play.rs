@@ -4,7 +4,6 @@ use torno_protocol::board::Stimulus;
 use torno_protocol::lathe::{Conversation, Outcome, Program, Reply, ReplyDecoder};
 use torno_protocol::time::{Instant, Span};
 
-use crate::engine::{Fact, Limit, NodeId};
 use crate::fault::{Faults, Looked, Onlooker, Planned};
 use crate::observe::{Digest, Sum, Telemetry, ToolPath, Waveforms, log};
 use crate::pace::{Brake, Pace};
@@ -12,6 +11,7 @@ use crate::pc::{PcEvent, PcProgram, PcUart};
 use crate::rig::file::RigFile;
 use crate::rig::{Cost, Driver, Incident, Rig, RigError};
 use crate::trace::{End, Header, RECORDED, Recorder, SessionError, Trace};
+use torno_engine::{Fact, Limit, NodeId};
 
 /// The PC starts to send so long after the rig has started, or later where characters are long: a decoder wants to see
 /// an idle line first.

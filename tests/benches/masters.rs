@@ -6,11 +6,11 @@
 
 use std::time::{Duration, Instant as WallInstant};
 
-use torno::engine::{End, Engine, Limit, NodeId};
 use torno::pc::PcUart;
 use torno::play::{Careful, DEMONSTRATION};
 use torno::rig::file::RigFile;
 use torno::rig::kinds::{self, Steps};
+use torno_engine::{End, Engine, Limit, NodeId};
 use torno_protocol::board::Stimulus;
 use torno_protocol::lathe::Program;
 use torno_protocol::record::Turn;

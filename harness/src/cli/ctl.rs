@@ -12,8 +12,8 @@ use torno::control::{Begun, Done, Form, Request, State};
 use torno::fault::{BOARD_KINDS, LINE_KINDS};
 use torno::port::default_folder;
 use torno::rig::file::DEFAULT;
-use torno::text::nearest;
 use torno_protocol::time::Instant;
+use torno_text::nearest;
 
 use super::trace::Shown;
 use super::{USAGE, colour, print};

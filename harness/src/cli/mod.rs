@@ -34,7 +34,7 @@ use torno::rig::{Driver, RigError};
 use torno::seat::SeatError;
 use torno::send::SendError;
 use torno::servo::{ControllerError, LineError};
-use torno::text::{self, TextError};
+use torno::text_file::TextError;
 use torno::trace::replay::ReplayError;
 use torno::trace::{Damage, Header, Recorder, RecordingError, SessionError, Trace};
 use torno_protocol::lathe::Program;
@@ -192,7 +192,7 @@ fn load_program(path: Option<&Path>) -> anyhow::Result<(String, Program)> {
         return Ok((name.to_owned(), Program::parse(text).context(name)?));
     };
     let name = path.display().to_string();
-    let text = text::read(path).map_err(|error| match error {
+    let text = torno::text_file::read(path).map_err(|error| match error {
         TextError::Unreadable(error) => anyhow::Error::new(error).context(format!("cannot read the program '{name}'")),
         TextError::NotText { .. } => anyhow::Error::new(error).context(name.clone()),
     })?;

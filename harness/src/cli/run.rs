@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use anyhow::Context;
-use torno::fault::{self, FaultFile, parse_span};
+use torno::fault::{self, FaultFile};
 use torno::observe::{ToolPath, log};
 use torno::pace::Pace;
 use torno::play::{Ended, Play, Played, Progress};
@@ -16,6 +16,7 @@ use torno::report::{Bar, BoardSummary, Cut, Frames, Stats, Summary, failures, se
 use torno::rig::names::Names;
 use torno::trace::Header;
 use torno_protocol::lathe::Outcome;
+use torno_text::parse_span;
 
 use super::{
     FAILED, INTERRUPTED, Interrupt, colour, driver, load_program, load_rig, print, rig_and_program, start_recording,

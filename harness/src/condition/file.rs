@@ -10,7 +10,7 @@ use super::{Claim, Condition};
 use crate::dialect::Dialect;
 use crate::fault::span;
 use crate::rig::names::Names;
-use crate::text::{Complaint, nearest};
+use torno_text::{Complaint, nearest};
 
 /// A condition as a file says it: one of [`KINDS`], and what belongs to it.
 #[derive(Clone, Debug, Deserialize)]

@@ -8,8 +8,8 @@ pub(crate) use file::{RawCondition, replies};
 
 use torno_protocol::time::Instant;
 
-use crate::engine::{NodeId, Sight, Watch};
 use crate::pc::{RECEIVED, Replies};
+use torno_engine::{NodeId, Sight, Watch};
 
 /// Something that happens.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -10,9 +10,9 @@ use torno_protocol::lathe::{
 use torno_protocol::time::{Instant, Span};
 
 use super::{Dialect, Listener, Message, Reader, hex, is_stray_byte, no_reply};
-use crate::engine::LineId;
 use crate::trace::decode::Heard;
 use crate::trace::{Header, LineInfo};
+use torno_engine::LineId;
 
 /// The longest time from one character of a slave's part to the next.
 const PART_GAP: Span = CHARACTER.times(3);

@@ -10,10 +10,10 @@ use std::fmt::Debug;
 
 use torno_protocol::time::Instant;
 
-use crate::engine::LineId;
-use crate::text::nearest;
 use crate::trace::Header;
 use crate::trace::decode::Heard;
+use torno_engine::LineId;
+use torno_text::nearest;
 
 /// The dialects that there are.
 const ALL: [&dyn Dialect; 2] = [&lathe::Lathe, &servo::Servo];

@@ -6,10 +6,10 @@ use torno_protocol::time::Instant;
 
 use super::{Broken, Fault};
 use crate::condition::Condition;
-use crate::engine::{FaultId, Hit, NodeId, REACTION, WatchId};
 use crate::pc::Replies;
 use crate::rig::Rig;
-use crate::text::nearest;
+use torno_engine::{FaultId, Hit, NodeId, REACTION, WatchId};
+use torno_text::nearest;
 
 /// When a fault begins.
 #[derive(Clone, Debug)]

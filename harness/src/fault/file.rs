@@ -9,14 +9,13 @@ use torno_protocol::clock::Clock;
 use torno_protocol::line::Level;
 use torno_protocol::time::{Instant, Span};
 
-use super::{
-    Ailment, BROWN_OUT, Dice, Fault, NEVER_A_PULSE, Planned, Range as Quantities, Ratio, Trigger, What, parse_ratio,
-    parse_span,
-};
+use super::{Ailment, BROWN_OUT, Fault, NEVER_A_PULSE, Planned, Trigger, What};
 use crate::condition::RawCondition;
-use crate::engine::{Disturbance, NodeId, Tampering};
 use crate::rig::names::Names;
-use crate::text::{self, Complaint, Invalid, TextError, nearest};
+use crate::text_file::TextError;
+use torno_engine::{Disturbance, NodeId, Tampering};
+use torno_text::{Complaint, Invalid, nearest};
+use torno_text::{Dice, Range as Quantities, Ratio, parse_ratio, parse_span};
 
 /// What can happen to a line.
 pub const LINE_KINDS: [&str; 9] =
@@ -129,7 +128,7 @@ pub struct FaultFile {
 /// [`FaultFileError`]: where, what was expected, what was found.
 pub fn load(path: &Path, names: &Names, seed: Option<u64>) -> Result<FaultFile, FaultFileError> {
     let name = path.display().to_string();
-    match text::read(path) {
+    match crate::text_file::read(path) {
         Ok(text) => Ok(parse(&name, &text, names, seed)?),
         Err(source) => Err(FaultFileError::Unreadable { path: name, source }),
     }
@@ -141,7 +140,7 @@ pub fn load(path: &Path, names: &Names, seed: Option<u64>) -> Result<FaultFile, 
 /// Where, what was expected, what was found.
 pub fn parse(path: &str, text: &str, names: &Names, seed: Option<u64>) -> Result<FaultFile, Invalid> {
     let invalid = |(span, message): Complaint| Invalid::at(path, text, span, message);
-    let raw: RawFile = toml::from_str(text).map_err(|error| invalid(text::of_toml(&error)))?;
+    let raw: RawFile = toml::from_str(text).map_err(|error| invalid(torno_text::of_toml(&error)))?;
     let seed = seed.unwrap_or(raw.seed);
     let mut dice = Dice::new(seed);
     let mut all: Vec<Planned> = Vec::new();

@@ -3,25 +3,21 @@
 //! A [`Fault`] is what breaks; a [`Trigger`] says when it begins. [`Faults`] are all those of a running rig: planned,
 //! begun, healed. A scenario, a file or a person says which.
 
-mod dice;
 mod faults;
 mod file;
 mod onlooker;
-mod quantity;
 
-pub use dice::Dice;
 pub use faults::{Faults, HealError, Planned, Trigger};
 pub use file::{BOARD_KINDS, FaultFile, FaultFileError, LINE_KINDS, RawFault, load, parse};
 pub(crate) use file::{span, text_drawn};
 pub use onlooker::{Looked, Onlooker};
-pub use quantity::{Range, Ratio, parse_length, parse_ratio, parse_span};
 
 use torno_protocol::board::{Heeds, Stimulus};
 use torno_protocol::clock::Clock;
 use torno_protocol::time::{Instant, Span};
 
-use crate::engine::{Disturbance, FaultId, LineId, NodeId};
 use crate::rig::Rig;
+use torno_engine::{Disturbance, FaultId, LineId, NodeId};
 
 /// A brown-out lasts so long if nothing else is said. (Ours: long enough for a reset, too short for a person.)
 pub const BROWN_OUT: Span = Span::from_millis(20);

@@ -5,9 +5,9 @@ use torno_protocol::time::Instant;
 
 use super::{Faults, Planned};
 use crate::dialect::Dialect;
-use crate::engine::Fact;
 use crate::pc::{PcEvent, Replies};
 use crate::rig::Rig;
+use torno_engine::Fact;
 
 /// So many replies are remembered for the faults that wait for one.
 const REPLIES: usize = 16;

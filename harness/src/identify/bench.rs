@@ -5,13 +5,13 @@ use torno_protocol::board::Stimulus;
 use torno_protocol::clock::{Clock, Rate, Ticks};
 use torno_protocol::time::Instant;
 
-use crate::engine::{Fact, NodeId};
 use crate::pc::PcUart;
 use crate::rig::file::RigFile;
 use crate::rig::kinds::KindError;
 use crate::rig::kinds::motor::{self, Encoder, Law, Motor};
 use crate::rig::{Driver, Rig, RigError};
-use crate::text::nearest;
+use torno_engine::{Fact, NodeId};
+use torno_text::nearest;
 
 /// A step that nobody sized is two thirds of full drive: 20 V of the main motor's 30. (Ours.)
 const STEP: f64 = 2.0 / 3.0;

@@ -10,7 +10,8 @@ use std::path::Path;
 use torno_identify::{Data, Finding, Sample, Sensor, nls};
 
 use super::Units;
-use crate::text::{self, Invalid, TextError, nearest};
+use crate::text_file::TextError;
+use torno_text::{Invalid, nearest};
 
 /// Why a file gives no data.
 #[derive(Debug, thiserror::Error)]
@@ -61,7 +62,7 @@ pub struct Measured {
 /// [`CsvError`]: where, what was expected, what was found.
 pub fn read(path: &Path, counts_per_rev: Option<f64>) -> Result<Measured, CsvError> {
     let name = path.display().to_string();
-    let text = text::read(path).map_err(|source| CsvError::Unreadable { path: name.clone(), source })?;
+    let text = crate::text_file::read(path).map_err(|source| CsvError::Unreadable { path: name.clone(), source })?;
     parse(&name, &text, counts_per_rev)
 }
 

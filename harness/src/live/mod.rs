@@ -9,16 +9,16 @@ use torno_protocol::board::Stimulus;
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::BITS_PER_CHARACTER;
 
-use crate::engine::{Fact, Limit};
 use crate::fault::{Faults, Looked, Onlooker};
 use crate::observe::{Digest, log};
 use crate::pace::{Brake, Lapse, Pace};
 use crate::pc::{PcEvent, PcUart, STOPPED};
 use crate::port::{LineSettings, PcPort, PortEvent};
 use crate::rig::file::RigFile;
-use crate::rig::{Driver, Input, Rig, RigError, What};
+use crate::rig::{Driver, Rig, RigError};
 use crate::trace::{End, RECORDED, Recorder, RecordingError};
 use steering::{Steering, next_call};
+use torno_engine::{Fact, Input, Limit, What};
 
 /// So many of the client's bytes wait in the driver at the most. Its settings are read with each helping, so a new
 /// speed holds at most this many characters late.

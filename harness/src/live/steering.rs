@@ -6,16 +6,16 @@ use torno_protocol::time::Instant;
 
 use super::{Live, LiveError};
 use crate::control::{Answer, Begun, BoardState, Call, Control, Done, FaultState, Form, Request, Rows, State};
-use crate::engine::Fact;
-use crate::fault::{Dice, Planned, RawFault, parse_span};
+use crate::fault::{Planned, RawFault};
 use crate::observe::{Telemetry, log};
 use crate::pace::Pace;
+use crate::rig::Rig;
 use crate::rig::names::Names;
-use crate::rig::{Input, Rig, What};
-use crate::text::{Complaint, nearest, of_toml};
 use crate::trace::Header;
 use crate::trace::analyser::Analyser;
 use crate::trace::rows::{Filter, Row, Wanted};
+use torno_engine::{Fact, Input, What};
+use torno_text::{Complaint, Dice, nearest, of_toml, parse_span};
 
 /// What a rig needs to be steered from outside.
 pub(super) struct Steering {

@@ -6,9 +6,9 @@ use torno_protocol::line::Level;
 use torno_protocol::time::Instant;
 use xxhash_rust::xxh3::Xxh3;
 
-use crate::engine::Fact;
 use crate::rig::Rig;
 use crate::trace::Header;
+use torno_engine::Fact;
 
 /// Hashes facts, each line and each board in a stream of its own: in what order facts of different streams were settled
 /// depends on how time was cut into turns, and must not show.

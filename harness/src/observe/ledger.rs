@@ -6,10 +6,10 @@ use std::collections::{BTreeMap, VecDeque};
 use torno_protocol::lathe::{Reply, ReplyDecoder};
 use torno_protocol::time::{Instant, Span};
 
-use crate::engine::{Fact, LineId, NodeId};
 use crate::pc::STOPPED;
 use crate::trace::Header;
 use crate::trace::decode::Ears;
+use torno_engine::{Fact, LineId, NodeId};
 
 /// The bytes of a frame.
 const FRAME: usize = 8;

@@ -11,8 +11,8 @@ use tracing_subscriber::EnvFilter;
 use tracing_subscriber::fmt::format::Writer;
 use tracing_subscriber::fmt::time::FormatTime;
 
-use crate::engine::Fact;
 use crate::rig::Rig;
+use torno_engine::Fact;
 
 /// The virtual time of the last thing logged, in nanoseconds.
 static NOW: AtomicU64 = AtomicU64::new(0);

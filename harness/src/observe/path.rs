@@ -3,8 +3,8 @@
 use torno_part::{Happening, Profile, Turning};
 use torno_protocol::time::Instant;
 
-use crate::engine::Fact;
 use crate::rig::part::{Part, Source};
+use torno_engine::Fact;
 
 /// The way of a rig's tool, as the boards told it.
 #[derive(Clone, Debug)]

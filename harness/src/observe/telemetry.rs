@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use crate::engine::{Fact, NodeId};
 use crate::rig::Rig;
+use torno_engine::{Fact, NodeId};
 
 /// The last value of every quantity of every board.
 pub struct Telemetry {

@@ -7,9 +7,9 @@ use torno_protocol::line::{Edge, Level};
 use torno_protocol::time::{Instant, Span};
 use vcd::{SimulationCommand, TimescaleUnit, Value, Writer};
 
-use crate::engine::Fact;
 use crate::rig::Rig;
 use crate::trace::Header;
+use torno_engine::Fact;
 
 /// Collects the edges of every line.
 pub struct Waveforms {

@@ -43,7 +43,7 @@ pub enum PcEvent {
 impl PcEvent {
     const TEXTS: [&str; 3] = ["sent {}", "received {}", "received with an error {}"];
 
-    /// The event that the numbers of a [`Fact::Event`](crate::engine::Fact::Event) stand for.
+    /// The event that the numbers of a [`Fact::Event`](torno_engine::Fact::Event) stand for.
     pub fn from_numbers(event: u8, value: i64) -> Option<Self> {
         let byte = u8::try_from(value).ok()?;
         match event {

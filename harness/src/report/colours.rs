@@ -2,7 +2,7 @@
 
 use plotters::style::RGBColor;
 
-use crate::text::nearest;
+use torno_text::nearest;
 
 /// Colours that are told apart by most eyes (Okabe and Ito).
 pub(super) const LINES: [RGBColor; 6] = [

@@ -7,10 +7,10 @@ use torno_protocol::lathe::Program;
 use super::PartSummary;
 use super::drawing::Drawing;
 use crate::observe::{ToolPath, Turned};
-use crate::rig::What;
 use crate::rig::file::RigFile;
 use crate::rig::part::Part;
 use crate::trace::Trace;
+use torno_engine::What;
 
 /// The part that a run has turned.
 #[derive(Clone, Debug)]

@@ -5,8 +5,8 @@
 
 use torno_protocol::time::Instant;
 
-use crate::engine::Fact;
 use crate::trace::Trace;
+use torno_engine::Fact;
 
 /// What a quantity was, from each instant on.
 pub type Course = Vec<(Instant, i64)>;

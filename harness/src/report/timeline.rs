@@ -10,12 +10,12 @@ use super::chart::{ALONG, Chart, Row};
 use super::drawing::escaped;
 use super::plot::LINES;
 use super::series::{Course, Courses, lasting};
-use crate::engine::LineId;
 use crate::pc::STOPPED;
 use crate::rig::file::RigFile;
 use crate::trace::analyser::rows;
 use crate::trace::rows::{Filter, Kind, Place, Wanted};
 use crate::trace::{Header, Trace};
+use torno_engine::LineId;
 
 /// More marks than this are not drawn, in all lanes together: those of a column become one.
 const MOST: u64 = 8_000;

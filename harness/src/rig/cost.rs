@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant as WallInstant};
 
 use crate::channel::Bytes;
-use crate::engine::{NodeId, Statistics};
+use torno_engine::{NodeId, Statistics};
 
 /// What one node of a rig has cost.
 #[derive(Clone, Debug, PartialEq, Eq)]

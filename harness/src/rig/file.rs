@@ -15,7 +15,8 @@ use super::names::Names;
 use super::part::{Part, RawPart};
 use super::place;
 use crate::dialect::{self, Dialect};
-use crate::text::{self, Complaint, Invalid, TextError};
+use crate::text_file::TextError;
+use torno_text::{Complaint, Invalid};
 
 /// The rigs that are built in: name and text.
 const BUILT_IN: [(&str, &str); 3] = [
@@ -180,7 +181,7 @@ impl RigFile {
             return Self::parse(name, text);
         }
         let path = rig.to_owned();
-        match text::read(Path::new(rig)) {
+        match crate::text_file::read(Path::new(rig)) {
             Ok(text) => Self::parse(rig, &text),
             Err(TextError::Unreadable(source)) => Err(RigFileError::Unreadable { path, source }),
             Err(TextError::NotText { line }) => Err(RigFileError::NotText { path, line }),
@@ -193,7 +194,7 @@ impl RigFile {
     /// [`RigFileError::Invalid`].
     pub fn parse(path: &str, text: &str) -> Result<Self, RigFileError> {
         let invalid = |(span, message): Complaint| Invalid::at(path, text, span, message);
-        let of_toml = |error: toml::de::Error| invalid(text::of_toml(&error));
+        let of_toml = |error: toml::de::Error| invalid(torno_text::of_toml(&error));
         let table = DeTable::parse(text).map_err(of_toml)?;
         let raw = RawRig::deserialize(toml::Deserializer::from(table.clone())).map_err(of_toml)?;
         let file = Self::check(raw, table.get_ref()).map_err(invalid)?;

@@ -2,7 +2,6 @@
 
 mod cost;
 pub mod file;
-mod input;
 pub mod kinds;
 pub mod names;
 pub mod part;
@@ -26,15 +25,16 @@ use torno_protocol::stepping::{BrokenPromise, Stepper};
 use torno_protocol::time::Instant;
 
 pub use crate::channel::Bytes;
-use crate::engine::{Disturbance, End, Engine, Fact, FaultId, Hit, LateOutput, Limit, LineId, NodeId, Watch, WatchId};
 use crate::pc::{PcProgram, PcUart};
 pub use cost::Cost;
 use cost::Stopwatch;
 use file::RigFile;
-pub use input::{Input, What};
 use kinds::Steps;
 use process::BoardProcess;
 pub use process::ProcessChange;
+use torno_engine::{
+    Disturbance, End, Engine, Fact, FaultId, Hit, Input, LateOutput, Limit, LineId, NodeId, Watch, WatchId, What,
+};
 
 /// How long a board may take over one turn, in wall time. One that is merely slow is waited for.
 const SLOW_BOARD: Duration = Duration::from_secs(10);

@@ -5,8 +5,8 @@ use torno_protocol::board::{Heeds, Motor};
 
 use super::file::RigFile;
 use crate::dialect::Dialect;
-use crate::engine::{LineId, NodeId};
-use crate::text::{Complaint, nearest};
+use torno_engine::{LineId, NodeId};
+use torno_text::{Complaint, nearest};
 
 /// The names that a rig gives to its parts.
 #[derive(Clone, Debug)]

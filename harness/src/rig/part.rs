@@ -8,8 +8,8 @@ use torno_protocol::lathe::Program;
 use super::file::Board;
 use super::kinds::axis::mm_per_count;
 use super::names::Names;
-use crate::engine::NodeId;
-use crate::text::Complaint;
+use torno_engine::NodeId;
+use torno_text::Complaint;
 
 /// The part that a rig turns. (Ours: the lathe paper cuts nothing.)
 #[derive(Clone, Debug)]

@@ -2,7 +2,7 @@
 
 use toml::{Table, Value};
 
-use crate::text::nearest;
+use torno_text::nearest;
 
 /// What belongs to a board itself, and not to its settings.
 const OF_A_BOARD: [&str; 1] = ["clock_ppm"];

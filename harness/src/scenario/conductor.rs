@@ -7,12 +7,12 @@ use torno_protocol::time::{Instant, Span};
 
 use super::{Action, Failure, Scenario, Step};
 use crate::condition::{Claim, Condition, is_reply};
-use crate::engine::{Fact, Hit, Limit, NodeId, REACTION, WatchId};
 use crate::fault::{Fault, Faults};
 use crate::observe::{Digest, Sum, ToolPath};
 use crate::pc::{PcEvent, PcUart, Replies};
 use crate::rig::{Driver, Rig};
 use crate::trace::{self, Recorder, SessionError};
+use torno_engine::{Fact, Hit, Limit, NodeId, REACTION, WatchId};
 
 /// The first step takes place so long after the rig has started.
 const BEGIN: Span = Span::from_millis(10);

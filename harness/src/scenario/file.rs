@@ -9,10 +9,11 @@ use torno_protocol::time::Span;
 use super::part::{self, RawDiameter};
 use super::{Action, PATIENCE, Scenario, Step};
 use crate::condition::{RawCondition, replies};
-use crate::fault::{Dice, Fault, RawFault, span, text_drawn};
+use crate::fault::{Fault, RawFault, span, text_drawn};
 use crate::rig::file::{DEFAULT, RigFile, RigFileError, built_in_names};
 use crate::rig::names::Names;
-use crate::text::{self, Complaint, Invalid, TextError, nearest};
+use crate::text_file::TextError;
+use torno_text::{Complaint, Dice, Invalid, nearest};
 
 /// A scenario ends at the latest so long after it has begun, if nothing else is said.
 const END: Span = Span::from_secs(1_000);
@@ -89,7 +90,7 @@ impl Scenario {
     /// [`ScenarioError`]: where, what was expected, what was found.
     pub fn load(path: &Path, seed: Option<u64>) -> Result<Self, ScenarioError> {
         let name = path.display().to_string();
-        match text::read(path) {
+        match crate::text_file::read(path) {
             Ok(text) => Self::parse(&name, &text, seed),
             Err(source) => Err(ScenarioError::Unreadable { path: name, source }),
         }
@@ -101,7 +102,7 @@ impl Scenario {
     /// As [`Scenario::load`].
     pub fn parse(path: &str, text: &str, seed: Option<u64>) -> Result<Self, ScenarioError> {
         let invalid = |(span, message): Complaint| Invalid::at(path, text, span, message);
-        let mut raw: RawScenario = toml::from_str(text).map_err(|error| invalid(text::of_toml(&error)))?;
+        let mut raw: RawScenario = toml::from_str(text).map_err(|error| invalid(torno_text::of_toml(&error)))?;
         raw.seed = seed.unwrap_or(raw.seed);
         let named = raw.rig.as_ref().map_or(DEFAULT, |rig| rig.get_ref());
         let beside = Path::new(path).parent().map(|folder| folder.join(named)).filter(|rig| rig.is_file());

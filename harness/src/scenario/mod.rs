@@ -1,7 +1,7 @@
 //! Scenarios: a program, faults, and what must hold.
 //!
 //! A scenario is a list of steps. Each takes place at an exact virtual instant, so the same seed gives the same run
-//! everywhere: a step that waits ends [`REACTION`](crate::engine::REACTION) after what it waited for; one that acts
+//! everywhere: a step that waits ends [`REACTION`](torno_engine::REACTION) after what it waited for; one that acts
 //! takes no time.
 
 mod batch;

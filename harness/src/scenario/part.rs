@@ -7,11 +7,10 @@ use serde::Deserialize;
 use toml::Spanned;
 use torno_part::Event;
 
-use crate::fault::parse_length;
 use crate::observe::Turned;
 use crate::rig::file::RigFile;
 use crate::rig::part::Part;
-use crate::text::{Complaint, nearest};
+use torno_text::{Complaint, nearest, parse_length};
 
 /// What is expected of a part.
 #[derive(Clone, Debug)]

@@ -10,7 +10,6 @@ use torno_protocol::board::Stimulus;
 use torno_protocol::servo::{BAUD, CHARACTER};
 use torno_protocol::time::{Instant, Span};
 
-use crate::engine::{Fact, Limit};
 use crate::observe::{Digest, Telemetry, log};
 use crate::pace::{Brake, Pace};
 use crate::pc::{PcEvent, PcUart};
@@ -18,6 +17,7 @@ use crate::rig::file::RigFile;
 use crate::rig::{Driver, Node, Rig, RigError};
 use crate::send::SendError;
 use crate::trace::{End, Header, Recorder, RecordingError, Trace};
+use torno_engine::{Fact, Limit};
 
 /// Virtual time goes no further at once while an answer is awaited.
 const SLICE: Span = Span::from_millis(20);

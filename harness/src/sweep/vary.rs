@@ -5,11 +5,12 @@ use std::path::Path;
 use toml::{Table, Value};
 use xxhash_rust::xxh3::xxh3_128;
 
-use crate::fault::{LINE_KINDS, Range};
+use crate::fault::LINE_KINDS;
 use crate::rig::names::Names;
 use crate::rig::place;
 use crate::scenario::{Scenario, ScenarioError};
-use crate::text::{self, Invalid, TextError, nearest};
+use crate::text_file::TextError;
+use torno_text::{Invalid, Range, nearest};
 
 /// A range has so many values at the most.
 const VALUES_MAX: usize = 10_000;
@@ -101,7 +102,8 @@ impl Scene {
     /// [`SweepError`] if the scenario as it stands is none.
     pub fn load(path: &Path) -> Result<Self, SweepError> {
         let name = path.display().to_string();
-        let text = text::read(path).map_err(|source| SweepError::Unreadable { path: name.clone(), source })?;
+        let text =
+            crate::text_file::read(path).map_err(|source| SweepError::Unreadable { path: name.clone(), source })?;
         let file = Scenario::parse(&name, &text, None)?.file;
         let scenario = toml::from_str(&text).unwrap_or_default();
         Ok(Self { path: name, scenario, lines: Names::of(&file).lines, rig: file.text, without: Vec::new() })

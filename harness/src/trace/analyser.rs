@@ -6,8 +6,7 @@ use super::decode::Ears;
 use super::rows::{Filter, Kind, Row};
 use super::{Header, Trace};
 use crate::dialect::{self, Reader};
-use crate::engine::Fact;
-use crate::rig::Input;
+use torno_engine::{Fact, Input};
 
 /// What the filter shows of a trace, in order of time.
 pub fn rows(trace: &Trace, filter: &Filter) -> Vec<Row> {

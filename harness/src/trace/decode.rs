@@ -7,10 +7,9 @@ use torno_protocol::time::Instant;
 use torno_protocol::uart::{Character, Receiver};
 
 use super::{Header, Trace};
-use crate::engine::{Fact, LineId, NodeId};
 use crate::pc;
 use crate::rig::file::RigFile;
-use crate::rig::{Input, What};
+use torno_engine::{Fact, Input, LineId, NodeId, What};
 
 /// A character on a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

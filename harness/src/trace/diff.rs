@@ -11,7 +11,7 @@ use super::analyser::rows;
 use super::rows::{Filter, Place, Row, UnknownName, Wanted};
 use super::{Trace, decode};
 use crate::dialect;
-use crate::engine::Fact;
+use torno_engine::Fact;
 
 /// Rows before a difference that are shown.
 const CONTEXT: usize = 5;

@@ -5,10 +5,9 @@ use torno_protocol::board::{Board, Description};
 use torno_protocol::line::{Edge, Level};
 use torno_protocol::time::Instant;
 
-use crate::engine::{Disturbance, Fact};
 use crate::pc::PcUart;
 use crate::rig::file::{Line, RigFile};
-use crate::rig::{Input, What};
+use torno_engine::{Disturbance, Fact, Input, What};
 
 /// The version of the format.
 pub const VERSION: u16 = 3;

@@ -59,8 +59,8 @@ pub enum SessionError {
 
 use torno_protocol::time::Instant;
 
-use crate::engine::Fact;
-use crate::rig::{Input, RigError};
+use crate::rig::RigError;
+use torno_engine::{Fact, Input};
 
 /// A trace, as far as it could be read.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -170,13 +170,12 @@ mod tests {
     use torno_protocol::time::Span;
 
     use super::*;
-    use crate::engine::{Disturbance, Fact, Tampering};
     use crate::rig::file::RigFile;
-    use crate::rig::{Input, What};
     use crate::trace::analyser::rows;
     use crate::trace::diff::{Extent, first_difference};
     use crate::trace::rows::{Filter, Wanted};
     use crate::trace::{End, Writer};
+    use torno_engine::{Disturbance, Fact, Input, Tampering, What};
 
     fn header() -> Header {
         Header::new(&RigFile::load("lathe").unwrap(), "lathe", 7, Some("shaft.frames"))

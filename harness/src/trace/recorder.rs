@@ -10,9 +10,8 @@ use torno_protocol::time::Instant;
 
 use super::format::MAGIC;
 use super::{End, Header, Writer};
-use crate::engine::Fact;
 use crate::pace::Lapse;
-use crate::rig::Input;
+use torno_engine::{Fact, Input};
 
 /// What has been noted is written within this, in wall time.
 const SECOND: Duration = Duration::from_secs(1);

@@ -6,12 +6,12 @@ use torno_protocol::board::Stimulus;
 use torno_protocol::time::Instant;
 
 use super::{Header, Trace};
-use crate::engine::{Disturbance, LineId, NodeId};
 use crate::observe::{Digest, Sum};
 use crate::pc::PcUart;
 use crate::play::Careful;
 use crate::rig::file::{RigFile, RigFileError};
-use crate::rig::{Driver, Input, Rig, RigError, What};
+use crate::rig::{Driver, Rig, RigError};
+use torno_engine::{Disturbance, Input, LineId, NodeId, What};
 
 /// What came of a session that was repeated.
 #[derive(Clone, Debug)]
@@ -117,7 +117,7 @@ struct Again {
 
 impl Again {
     async fn run(&mut self, until: Instant) -> Result<(), RigError> {
-        while self.rig.step(crate::engine::Limit::until(until)).await? {
+        while self.rig.step(torno_engine::Limit::until(until)).await? {
             self.note();
             // Whatever may end this must have its turn, even if all boards are in this process.
             tokio::task::yield_now().await;
@@ -191,8 +191,8 @@ mod tests {
     use torno_protocol::time::Span;
 
     use super::*;
-    use crate::engine::{Limit, Tampering};
     use crate::trace::diff::{Extent, first_difference};
+    use torno_engine::{Limit, Tampering};
 
     fn input(at: u64, what: What) -> Input {
         Input { given: Instant::from_nanos(at + 2), at: Instant::from_nanos(at), what }

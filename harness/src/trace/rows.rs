@@ -12,9 +12,7 @@ use torno_protocol::uart::Character;
 use super::Header;
 use super::decode::Heard;
 use crate::dialect::{Message, hex};
-use crate::engine::{Disturbance, Fact, LineId, NodeId, Tampering};
-use crate::rig::{Input, What};
-use crate::text;
+use torno_engine::{Disturbance, Fact, Input, LineId, NodeId, Tampering, What};
 
 /// Bytes of one write that are shown.
 const SHOWN: usize = 16;
@@ -122,7 +120,7 @@ impl Filter {
 /// Which of the known names are among those asked for.
 fn chosen(what: &'static str, known: &[&str], asked: &[String]) -> Result<Vec<bool>, UnknownName> {
     if let Some(name) = asked.iter().find(|name| !known.contains(&name.as_str())) {
-        return Err(UnknownName { what, name: name.clone(), nearest: text::nearest(name, known) });
+        return Err(UnknownName { what, name: name.clone(), nearest: torno_text::nearest(name, known) });
     }
     Ok(known.iter().map(|known| asked.iter().any(|name| name == known)).collect())
 }

@@ -6,8 +6,7 @@ use torno_protocol::time::Instant;
 use xxhash_rust::xxh3::xxh3_64_with_seed;
 
 use super::format::{self, End, Header, MAGIC, PREFIX, VERSION};
-use crate::engine::Fact;
-use crate::rig::Input;
+use torno_engine::{Fact, Input};
 
 /// A block is written when it has grown to this, in bytes.
 const BLOCK: usize = 64 << 10;

@@ -18,7 +18,7 @@ use torno::rig::file::RigFile;
 use torno::send::SendError;
 use torno::servo::report::graph;
 use torno::servo::{Controller, ControllerError, Gain, Line, LineError, SerialLine};
-use torno::text::{self, TextError};
+use torno::text_file::TextError;
 use torno_servo::{Compiled, Finding, Language, Limits, Severity, compile};
 
 use super::{FAILED, INTERRUPTED, Interrupt, USAGE, driver, load_rig, print, start_recording};
@@ -157,7 +157,7 @@ struct Source {
 impl Source {
     fn load(path: &Path, stand: &Stand) -> anyhow::Result<Self> {
         let name = path.display().to_string();
-        let text = text::read(path).map_err(|error| match error {
+        let text = torno::text_file::read(path).map_err(|error| match error {
             TextError::Unreadable(error) => {
                 anyhow::Error::new(error).context(format!("cannot read the program '{name}'"))
             }

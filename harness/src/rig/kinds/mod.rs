@@ -19,7 +19,7 @@ use torno_slaves::{
     Depth, DepthSettings, Servo, ServoSettings, Spindle, SpindleSettings, Transverse, TransverseSettings,
 };
 
-use crate::text::{Complaint, of_toml};
+use torno_text::{Complaint, of_toml};
 
 /// The kinds of boards that there are.
 pub const NAMES: [&str; 6] = ["master", "spindle", "transverse", "depth", "dspic", "servo"];

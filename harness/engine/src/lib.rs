@@ -19,6 +19,7 @@
 //! be settled and who needs a turn, and looks at these only.
 
 mod bounds;
+mod input;
 mod node;
 mod places;
 mod wire;
@@ -35,6 +36,7 @@ use node::Node;
 use places::Places;
 use wire::{Passed, Wire};
 
+pub use input::{Input, What};
 pub use node::Life;
 pub use wire::{Disturbance, Tampering};
 

@@ -4,7 +4,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use xxhash_rust::xxh3::xxh3_64_with_seed;
 
-use super::Range;
+use crate::Range;
 
 /// Draws by lot. What is drawn for a place depends on the seed and on nothing else, so that a scenario with fewer
 /// faults draws the same for those that are left.

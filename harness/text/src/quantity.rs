@@ -76,7 +76,7 @@ impl Range {
     }
 
     /// The values by which it shows whether all of it is allowed: both ends, and 0 if that lies between them.
-    pub(super) fn extremes(&self) -> [String; 3] {
+    pub fn extremes(&self) -> [String; 3] {
         let zero = if self.from < 0.0 && self.to > 0.0 { -self.from / (self.to - self.from) } else { 0.0 };
         [0.0, zero, 1.0].map(|share| self.at(share))
     }
@@ -90,7 +90,7 @@ impl Range {
     }
 
     /// A value for a fraction from 0 to below 1: an integer, if both ends are and there is no unit.
-    pub(super) fn draw(&self, fraction: f64) -> String {
+    pub fn draw(&self, fraction: f64) -> String {
         if self.unit.is_empty() && self.from.fract() == 0.0 && self.to.fract() == 0.0 {
             return format!("{}", (self.from + (self.to - self.from + 1.0) * fraction).floor());
         }

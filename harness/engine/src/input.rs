@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use torno_protocol::board::Stimulus;
 use torno_protocol::time::Instant;
 
-use crate::engine::{Disturbance, LineId, NodeId};
+use crate::{Disturbance, LineId, NodeId};
 
 /// Something that came into the rig from outside.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
