@@ -9,10 +9,10 @@ use std::path::Path;
 
 use common::{folder, json, output};
 use serde_json::Value;
-use torno::pc::PcEvent;
 use torno::play::{DEMONSTRATION, Play};
 use torno::rig::Driver;
 use torno::rig::file::RigFile;
+use torno_bus::PcEvent;
 use torno_engine::Fact;
 use torno_protocol::lathe::{Outcome, Program, XON};
 

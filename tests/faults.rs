@@ -10,6 +10,7 @@ use std::process::Output;
 use common::{ACK, AT_REST, Up, XON, folder, kill, output, test, wait_until};
 use serde_json::Value;
 use torno::rig::Driver;
+use torno::rig::file::RigFile;
 use torno::scenario::{self, Outcome, Scenario};
 use torno_engine::Fact;
 use torno_protocol::line::Level;
@@ -159,8 +160,8 @@ fn noise_inverts_a_line_for_the_share_of_the_time_that_it_says() {
         fs::write(&file, format!("name = \"n\"\nend = \"{SECONDS} s\"\n{}", fault(&noise))).unwrap();
         let tested = output(&["test", file.to_str().unwrap(), "--record", trace.to_str().unwrap()]);
         assert!(tested.stdout.starts_with(b"n: seed 0\n"));
-        let (trace, _) = torno::trace::read(fs::File::open(&trace).unwrap()).unwrap();
-        let of_line = trace.line("pc_to_master").unwrap();
+        let (trace, _) = torno_trace::read(fs::File::open(&trace).unwrap(), RigFile::layout_of).unwrap();
+        let of_line = trace.header.layout.line("pc_to_master").unwrap();
         // The line idles: it is low while it is inverted.
         let (mut low, mut since) = (0.0, 0.0);
         for fact in &trace.facts {

@@ -10,8 +10,8 @@ use std::path::Path;
 use common::{folder, json, output};
 use serde_json::Value;
 use torno::rig::file::RigFile;
-use torno::rig::part::Part;
 use torno::scenario::prose::{Prose, part, reply, scenario};
+use torno_machines::workpiece::Part;
 use torno_protocol::lathe::Program;
 
 /// A slot of the depth axis, in mm of diameter: within one it is in position.

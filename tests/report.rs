@@ -13,7 +13,7 @@ use common::{folder, is_installed, json, output};
 use serde_json::Value;
 use torno::report::page::Page;
 use torno::rig::file::RigFile;
-use torno::trace::{Header, Trace};
+use torno_trace::Trace;
 
 /// The charts of the lathe.
 const CHARTS: [&str; 5] =
@@ -144,7 +144,7 @@ fn any_rig_has_a_report_and_names_do_not_break_it() {
         CHARTS.iter().all(|id| chart(&html, id).contains("<polyline") || id.ends_with("bus") || id.ends_with("close"))
     );
     // Nothing has happened, and nobody has written down how it ended.
-    let trace = Trace::new(Header::new(&RigFile::load("lathe").unwrap(), "lathe", 0, None));
+    let trace = Trace::new(RigFile::load("lathe").unwrap().header("lathe", 0, None));
     let html = Page { trace: &trace, summary: None, cut: None }.html().unwrap();
     assert!(html.contains("not ended") && html.contains("a recording") && !html.contains("NaN"));
 }

@@ -15,14 +15,14 @@ use common::{ACK, CAN, XOFF, XON, folder, is_installed, json, output};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde_json::Value;
-use torno::observe::Digest;
-use torno::pc::PcUart;
 use torno::play::{Careful, DEMONSTRATION};
 use torno::rig::file::RigFile;
 use torno::rig::{Driver, Rig};
+use torno_bus::PcUart;
 use torno_engine::Limit;
 use torno_protocol::board::Stimulus;
 use torno_protocol::time::{Instant, Span};
+use torno_trace::Digest;
 
 // --- what is printed ------------------------------------------------------------------------------------------------
 
@@ -193,7 +193,7 @@ async fn digest_in_random_windows(driver: &Driver, seed: u64) -> String {
     let mut rig = Rig::start(&file, driver, uart).await.unwrap();
     let pc = rig.pc();
     rig.stimulate(pc, seconds(0.01), Stimulus::Write(demonstration().bytes()));
-    let mut digest = Digest::new(&rig);
+    let mut digest = Digest::new(rig.layout());
     let mut until = Instant::START;
     while !rig.engine().is_quiet() {
         // Mostly near the next thing that happens, from a nanosecond to milliseconds after it: each order of magnitude

@@ -12,12 +12,12 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use common::{output, test};
 use torno::fault::{BOARD_KINDS, LINE_KINDS};
-use torno::observe::Sum;
 use torno::rig::Driver;
 use torno::scenario::prose::{self, board, line, reply};
 use torno::scenario::{self, Outcome, Scenario};
 use torno::sweep::Scene;
 use torno_protocol::time::Span;
+use torno_trace::Sum;
 
 const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/scenarios");
 

@@ -16,14 +16,13 @@ use serde_json::Value;
 use serialport::SerialPort;
 use torno::fault;
 use torno::play::Play;
+use torno::recorder::Recorder;
 use torno::rig::Driver;
 use torno::rig::file::RigFile;
-use torno::rig::names::Names;
-use torno::trace::analyser::{self, Analyser};
-use torno::trace::rows::{Filter, Row, Wanted};
-use torno::trace::{Header, Recorder};
 use torno_protocol::lathe::Program;
 use torno_protocol::time::{Instant, Span};
+use torno_trace::analyser::{self, Analyser};
+use torno_trace::rows::{Filter, Row, Wanted};
 
 /// Depth 5 slots out: about three seconds.
 const MEDIUM: [u8; 8] = [0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x05, 0x00];
@@ -376,10 +375,10 @@ fn filters_show_what_they_name_and_nothing_else() {
 fn an_analyser_shows_the_same_however_it_is_asked() {
     let folder = folder();
     let (path, _) = recorded(folder.path(), "a.torno", &["--in-process"]);
-    let (trace, _) = torno::trace::read(BufReader::new(fs::File::open(path).unwrap())).unwrap();
+    let (trace, _) = torno_trace::read(BufReader::new(fs::File::open(path).unwrap()), RigFile::layout_of).unwrap();
     let kinds = ["edges", "characters", "frames", "telemetry", "events", "inputs"].map(str::to_owned).to_vec();
     let filter = Filter::new(&trace.header, &Wanted { kinds, ..Wanted::default() }).unwrap();
-    let mut analyser = Analyser::new(&trace.header, filter.clone());
+    let mut analyser = Analyser::new(&trace.header, filter.clone(), torno_machines::dialect);
     analyser.note(&trace.inputs, &[]);
     let (mut rows, mut until) = (Vec::new(), Instant::START);
     while until < trace.until() {
@@ -396,7 +395,7 @@ fn an_analyser_shows_the_same_however_it_is_asked() {
         text
     };
     assert!(rows.len() > 10_000);
-    assert_eq!(text(&rows), text(&analyser::rows(&trace, &filter)));
+    assert_eq!(text(&rows), text(&analyser::rows(&trace, &filter, torno_machines::dialect)));
 }
 
 #[test]
@@ -530,8 +529,8 @@ fn cuts_and_stimuli_are_repeated_with_the_same_digest() {
         at("board = \"spindle\"\nfor = \"600 ms\"", "hang", 100),
         at("board = \"master\"", "reset", 22),
     ];
-    let faults = fault::parse("faults.toml", &faults.concat(), &Names::of(&file), None).unwrap().faults;
-    let header = Header::new(&file, "lathe", 0, Some("test"));
+    let faults = fault::parse("faults.toml", &faults.concat(), &file.names(), None).unwrap().faults;
+    let header = file.header("lathe", 0, Some("test"));
     let recorder = Recorder::begin(&path, Recorder::open(&path).unwrap(), &header).unwrap();
     let program = Program { frames: vec![SHORT, MEDIUM] };
     let play = Play { faults, ..Play::new(file, program, Driver::InProcess) };

@@ -5,13 +5,15 @@ use torno_protocol::lathe::{Conversation, Outcome, Program, Reply, ReplyDecoder}
 use torno_protocol::time::{Instant, Span};
 
 use crate::fault::{Faults, Looked, Onlooker, Planned};
-use crate::observe::{Digest, Sum, Telemetry, ToolPath, Waveforms, log};
+use crate::observe::{Telemetry, log};
 use crate::pace::{Brake, Pace};
-use crate::pc::{PcEvent, PcProgram, PcUart};
+use crate::recorder::{RECORDED, Recorder, SessionError};
 use crate::rig::file::RigFile;
 use crate::rig::{Cost, Driver, Incident, Rig, RigError};
-use crate::trace::{End, Header, RECORDED, Recorder, SessionError, Trace};
+use torno_bus::{PcEvent, PcProgram};
 use torno_engine::{Fact, Limit, NodeId};
+use torno_machines::workpiece::ToolPath;
+use torno_trace::{Digest, End, Header, Sum, Trace, Waveforms};
 
 /// The PC starts to send so long after the rig has started, or later where characters are long: a decoder wants to see
 /// an idle line first.
@@ -198,8 +200,7 @@ impl Play {
         mut progress: impl FnMut(Progress<'_>),
         interrupted: impl Future<Output = ()>,
     ) -> Result<Played, SessionError> {
-        let pc = &self.file.pc;
-        let uart = PcUart::new(pc.baud, pc.tx_fifo, pc.clock).with_program(Careful::default());
+        let uart = self.file.uart().with_program(Careful::default());
         let mut rig = Rig::start(&self.file, &self.driver, uart).await?;
         if self.pace == Pace::Max {
             rig.share_one_processor();
@@ -294,9 +295,9 @@ impl Play {
 impl Session {
     fn new(rig: Rig, onlooker: Onlooker, waveforms: bool, path: Option<ToolPath>, recorder: Option<Recorder>) -> Self {
         Self {
-            digest: Digest::new(&rig),
+            digest: Digest::new(rig.layout()),
             telemetry: Telemetry::new(&rig),
-            waveforms: waveforms.then(|| Waveforms::new(&rig)),
+            waveforms: waveforms.then(|| Waveforms::new(rig.layout())),
             path,
             recorder,
             trace: None,

@@ -9,7 +9,7 @@ use rustix::process::Signal;
 use torno_protocol::record::{FromBoard, Heard, Setup, ToBoard, VERSION};
 
 use crate::channel::Channel;
-use crate::rig::kinds::{self, Steps};
+use torno_machines::kinds::{self, Steps};
 
 /// Why a board's process ended before its harness told it to.
 #[derive(Debug, thiserror::Error)]

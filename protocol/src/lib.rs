@@ -6,6 +6,7 @@
 pub mod board;
 pub mod clock;
 pub mod lathe;
+pub mod layout;
 pub mod line;
 pub mod record;
 pub mod servo;

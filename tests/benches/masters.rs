@@ -6,11 +6,10 @@
 
 use std::time::{Duration, Instant as WallInstant};
 
-use torno::pc::PcUart;
 use torno::play::{Careful, DEMONSTRATION};
 use torno::rig::file::RigFile;
-use torno::rig::kinds::{self, Steps};
 use torno_engine::{End, Engine, Limit, NodeId};
+use torno_machines::kinds::{self, Steps};
 use torno_protocol::board::Stimulus;
 use torno_protocol::lathe::Program;
 use torno_protocol::record::Turn;
@@ -42,15 +41,13 @@ pub(crate) fn all_at_work(masters: usize) -> Cost {
             steppers.push(kinds::build(&board.kind, &board.settings, board.clock).unwrap());
             boards.push(engine.add_node(board.description.ports.len()));
         }
-        let uart = PcUart::new(file.pc.baud, file.pc.tx_fifo, file.pc.clock).with_program(Careful::default());
+        let uart = file.uart().with_program(Careful::default());
         steppers.push(Box::new(Stepper::new(uart)));
         let pc = engine.add_node(1);
         pcs.push(pc);
         let on = |(board, port): (usize, u8)| End { node: first + board, port };
-        let links = file.links.iter().map(|[a, b]| (on(*a), on(*b)));
-        for (a, b) in links.chain([(End { node: pc, port: 0 }, on(file.pc.to))]) {
-            engine.add_line(a, b);
-            engine.add_line(b, a);
+        for line in &file.layout.lines {
+            engine.add_line(on(line.from), on(line.to));
         }
     }
     let first = engine.catch_up(Instant::START.next());

@@ -9,7 +9,6 @@ use torno::fault::{self, Planned};
 use torno::play::{DEMONSTRATION, Play, Played};
 use torno::rig::Driver;
 use torno::rig::file::RigFile;
-use torno::rig::names::Names;
 use torno_protocol::lathe::Program;
 use torno_protocol::time::{Instant, Span};
 
@@ -48,7 +47,7 @@ pub fn demonstration() -> Program {
 
 /// The faults of a file.
 pub fn planned(file: &RigFile, text: &str) -> Vec<Planned> {
-    fault::parse("faults.toml", text, &Names::of(file), None).unwrap().faults
+    fault::parse("faults.toml", text, &file.names(), None).unwrap().faults
 }
 
 /// Plays frames in processes while this breaks, with all waveforms.

@@ -2,12 +2,12 @@
 
 use std::process::ExitCode;
 
-use torno::rig::kinds;
+use torno_machines::kinds;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
     /// The kind of board.
-    #[arg(value_parser = clap::builder::PossibleValuesParser::new(kinds::NAMES))]
+    #[arg(value_parser = clap::builder::PossibleValuesParser::new(kinds::names()))]
     kind: String,
 }
 

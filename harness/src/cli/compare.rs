@@ -9,7 +9,6 @@ use torno::play::Play;
 use torno::report::{Comparison, Side};
 use torno::rig::Driver;
 use torno::rig::file::RigFile;
-use torno::trace::Header;
 use torno_protocol::lathe::Program;
 
 use super::{FAILED, INTERRUPTED, Interrupt, colour, load_program, print};
@@ -49,9 +48,9 @@ impl Candidate {
         Ok(())
     }
 
-    async fn play(self, rig: &str, program: Program) -> anyhow::Result<Side> {
+    async fn play(self, program: Program) -> anyhow::Result<Side> {
         let Self { file, set } = self;
-        let mut ledger = Ledger::new(&Header::new(&file, rig, 0, None));
+        let mut ledger = Ledger::new(&file.layout);
         let name = file.name.clone();
         let play = Play::new(file, program, Driver::InProcess);
         let played = play.run(|progress| ledger.add(progress.facts)).await?;
@@ -77,8 +76,7 @@ impl Arguments {
         let frames = program.frames.len();
         let mut interrupt = Interrupt::listen()?;
         let [a, b] = rigs;
-        let plays =
-            async { anyhow::Ok([a.play(&self.rig, program.clone()).await?, b.play(&self.other, program).await?]) };
+        let plays = async { anyhow::Ok([a.play(program.clone()).await?, b.play(program).await?]) };
         let sides = tokio::select! {
             sides = plays => sides?,
             () = interrupt.received() => return Ok(ExitCode::from(INTERRUPTED)),

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use serde_json::json;
-use torno::trace::diff::{Extent, first_difference};
+use torno_trace::diff::{Extent, first_difference};
 
 use super::{FAILED, USAGE, load_trace, print};
 
@@ -23,7 +23,7 @@ impl Arguments {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
         let (a, a_damage) = load_trace(&self.a)?;
         let (b, b_damage) = load_trace(&self.b)?;
-        let difference = first_difference(&a, &b, Extent::Whole);
+        let difference = first_difference(&a, &b, Extent::Whole, torno_machines::dialect);
         let text = match &difference {
             _ if self.json => {
                 let difference = difference.as_ref().map(|difference| difference.json());

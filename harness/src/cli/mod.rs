@@ -29,15 +29,16 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 use torno::live::LiveError;
 use torno::play::DEMONSTRATION;
 use torno::port::PortError;
+use torno::recorder::{Recorder, RecordingError, SessionError};
+use torno::replay::ReplayError;
 use torno::rig::file::{DEFAULT, RigFile, RigFileError};
 use torno::rig::{Driver, RigError};
 use torno::seat::SeatError;
 use torno::send::SendError;
 use torno::servo::{ControllerError, LineError};
 use torno::text_file::TextError;
-use torno::trace::replay::ReplayError;
-use torno::trace::{Damage, Header, Recorder, RecordingError, SessionError, Trace};
 use torno_protocol::lathe::Program;
+use torno_trace::{Damage, Header, Trace};
 
 /// A check failed: the program was not executed as it should have been.
 const FAILED: u8 = 1;
@@ -210,7 +211,7 @@ fn start_recording(path: &Path, header: &Header) -> anyhow::Result<Recorder> {
 fn load_trace(path: &Path) -> anyhow::Result<(Trace, Option<Damage>)> {
     let of_file = |damage: Damage| anyhow::Error::new(damage).context(format!("'{}'", path.display()));
     let file = File::open(path).map_err(|error| of_file(error.into()))?;
-    let (trace, damage) = torno::trace::read(BufReader::new(file)).map_err(of_file)?;
+    let (trace, damage) = torno_trace::read(BufReader::new(file), RigFile::layout_of).map_err(of_file)?;
     if let Some(damage) = &damage {
         eprintln!("torno: '{}' {damage}, up to {}", path.display(), trace.settled);
     }

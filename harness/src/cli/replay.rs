@@ -6,9 +6,9 @@ use std::time::Instant;
 
 use serde_json::json;
 use torno::observe::log;
+use torno::replay::replay;
 use torno::rig::Driver;
-use torno::trace::diff::{Extent, first_difference};
-use torno::trace::replay::replay;
+use torno_trace::diff::{Extent, first_difference};
 
 use super::{FAILED, INTERRUPTED, Interrupt, USAGE, driver, load_trace, print};
 
@@ -38,7 +38,11 @@ impl Arguments {
         let (virtual_s, wall_s) = (trace.until().as_secs_f64(), started.elapsed().as_secs_f64());
         let same = trace.end.as_ref().map(|end| end.digest == digest);
         let extent = if same.is_some() { Extent::Whole } else { Extent::Beginning };
-        let difference = if same == Some(true) { None } else { first_difference(&trace, &again.trace, extent) };
+        let difference = if same == Some(true) {
+            None
+        } else {
+            first_difference(&trace, &again.trace, extent, torno_machines::dialect)
+        };
         let recorded = trace.end.as_ref().map(|end| end.digest.as_str());
         let is_same = same.unwrap_or(difference.is_none());
         let text = if self.json {

@@ -8,13 +8,12 @@ use std::time::Instant;
 
 use anyhow::Context;
 use torno::fault::{self, FaultFile};
-use torno::observe::{ToolPath, log};
+use torno::observe::log;
 use torno::pace::Pace;
 use torno::play::{Ended, Play, Played, Progress};
 use torno::report::page::Page;
 use torno::report::{Bar, BoardSummary, Cut, Frames, Stats, Summary, failures, seed_text};
-use torno::rig::names::Names;
-use torno::trace::Header;
+use torno_machines::workpiece::ToolPath;
 use torno_protocol::lathe::Outcome;
 use torno_text::parse_span;
 
@@ -78,7 +77,7 @@ impl Arguments {
             "--part: the rig '{}' turns no part: expected a [part] in its file",
             file.name
         );
-        let names = Names::of(&file);
+        let names = file.names();
         let FaultFile { seed, drawn, faults } = match &self.faults {
             Some(path) => fault::load(path, &names, self.seed)?,
             None => FaultFile { seed: self.seed.unwrap_or_default(), ..FaultFile::default() },
@@ -91,7 +90,7 @@ impl Arguments {
         let drawing = self.part.as_deref().map(create).transpose()?;
         let report = self.report.as_deref().map(create).transpose()?;
         let asked = file.part.as_ref().map(|part| (part.clone(), part.asked(&program)));
-        let header = Header::new(&file, &rig, seed, Some(&program_name));
+        let header = file.header(&rig, seed, Some(&program_name));
         let keep = report.is_some().then(|| header.clone());
         let recorder = self.record.as_deref().map(|path| start_recording(path, &header)).transpose()?;
         let frames = program.frames.len();

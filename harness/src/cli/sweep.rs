@@ -8,11 +8,11 @@ use std::str::FromStr;
 
 use anyhow::Context;
 use torno::observe::log;
+use torno::recorder::SessionError;
 use torno::report::{Bar, Tested, seed_text, shell_word};
 use torno::rig::Driver;
 use torno::scenario::{Scenario, run_all};
 use torno::sweep::{Run, Scene, Table, Variation, Verdict, Whole, cells, merge, shrink};
-use torno::trace::SessionError;
 
 use super::{FAILED, USAGE, print};
 

@@ -5,9 +5,9 @@ use std::process::ExitCode;
 
 use anyhow::Context;
 use torno::observe::log;
+use torno::recorder::{Recorder, SessionError};
 use torno::report::{Bar, TestReport, seed_text};
 use torno::scenario::{Scenario, run_all, run_recorded};
-use torno::trace::{Header, Recorder, SessionError};
 
 use super::{FAILED, colour, driver, print, start_recording};
 
@@ -73,7 +73,7 @@ fn recorder(path: &Path, scenarios: &[(String, Scenario)]) -> anyhow::Result<Rec
     let [(_, Scenario { file, rig, seed, .. })] = scenarios else {
         anyhow::bail!("--record: expected one scenario, found {}", scenarios.len());
     };
-    start_recording(path, &Header::new(file, rig, *seed, None))
+    start_recording(path, &file.header(rig, *seed, None))
 }
 
 /// The files themselves, and those in folders, by name.

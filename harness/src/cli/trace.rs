@@ -6,14 +6,13 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::Context;
-use torno::observe::Waveforms;
 use torno::report::Cut;
 use torno::report::page::Page;
 use torno::rig::file::RigFile;
-use torno::trace::Trace;
-use torno::trace::analyser::rows;
-use torno::trace::rows::{CSV_HEADER, Filter, Row, Wanted};
 use torno_protocol::time::{Instant, Span};
+use torno_trace::analyser::rows;
+use torno_trace::rows::{CSV_HEADER, Filter, Row, Wanted};
+use torno_trace::{Trace, Waveforms};
 
 use super::{USAGE, colour, load_trace};
 
@@ -79,7 +78,7 @@ impl Arguments {
             let (kinds, csv) = if self.csv { (vec!["telemetry".to_owned()], true) } else { (self.shown.kind, false) };
             let from = self.from.unwrap_or(Instant::START);
             let wanted = Wanted { from, to: self.to, lines: self.shown.line, boards: self.shown.board, kinds };
-            let rows = rows(&trace, &Filter::new(&trace.header, &wanted)?);
+            let rows = rows(&trace, &Filter::new(&trace.header, &wanted)?, torno_machines::dialect);
             let colour = colour();
             let show = |row: &Row| match () {
                 () if csv => row.csv(&trace.header).unwrap_or_default(),
@@ -104,7 +103,7 @@ fn print_rows(first: Option<&str>, rows: impl Iterator<Item = String>) -> io::Re
 }
 
 fn write_waveforms(trace: &Trace, path: &Path) -> io::Result<()> {
-    let mut waveforms = Waveforms::of(&trace.header);
+    let mut waveforms = Waveforms::new(&trace.header.layout);
     trace.facts.iter().for_each(|fact| waveforms.add(fact));
     let end = trace.end.as_ref().map_or(trace.settled, |end| end.at);
     let tail = RigFile::parse(&trace.header.rig, &trace.header.text).map_or(LONG_TAIL, |file| file.margin());

@@ -13,8 +13,6 @@ use torno::pace::Pace;
 use torno::port::{LinkPath, PcPort};
 use torno::report::seed_text;
 use torno::rig::file::{DEFAULT, RigFile};
-use torno::rig::names::Names;
-use torno::trace::Header;
 
 use super::{Interrupt, driver, load_rig, print, start_recording};
 
@@ -82,7 +80,7 @@ impl Arguments {
             Some(path) => LinkPath::Chosen(path),
             None => LinkPath::Default { rig: file.name.clone() },
         };
-        let names = Names::of(&file);
+        let names = file.names();
         let FaultFile { seed, drawn, faults } =
             self.faults.as_deref().map_or(Ok(FaultFile::default()), |path| fault::load(path, &names, None))?;
         if self.faults.is_some() {
@@ -92,7 +90,7 @@ impl Arguments {
         let socket = self.control.unwrap_or_else(|| socket_beside(port.link()));
         let control = Control::open(&socket)?;
         let socket = control.path().to_owned();
-        let header = Header::new(&file, rig, 0, None);
+        let header = file.header(rig, 0, None);
         let recorder = self.record.as_deref().map(|path| start_recording(path, &header)).transpose()?;
         let mut live = Live::start(&file, &driver(self.in_process)?, self.pace, port).await?;
         if let Some(recorder) = recorder {

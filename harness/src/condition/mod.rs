@@ -8,7 +8,7 @@ pub(crate) use file::{RawCondition, replies};
 
 use torno_protocol::time::Instant;
 
-use crate::pc::{RECEIVED, Replies};
+use torno_bus::{RECEIVED, Replies};
 use torno_engine::{NodeId, Sight, Watch};
 
 /// Something that happens.

@@ -6,8 +6,8 @@ use torno_protocol::time::Instant;
 
 use super::{Broken, Fault};
 use crate::condition::Condition;
-use crate::pc::Replies;
 use crate::rig::Rig;
+use torno_bus::Replies;
 use torno_engine::{FaultId, Hit, NodeId, REACTION, WatchId};
 use torno_text::nearest;
 

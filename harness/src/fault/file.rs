@@ -11,8 +11,8 @@ use torno_protocol::time::{Instant, Span};
 
 use super::{Ailment, BROWN_OUT, Fault, NEVER_A_PULSE, Planned, Trigger, What};
 use crate::condition::RawCondition;
-use crate::rig::names::Names;
 use crate::text_file::TextError;
+use torno_bus::Names;
 use torno_engine::{Disturbance, NodeId, Tampering};
 use torno_text::{Complaint, Invalid, nearest};
 use torno_text::{Dice, Range as Quantities, Ratio, parse_ratio, parse_span};

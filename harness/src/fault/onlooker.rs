@@ -4,9 +4,8 @@ use torno_protocol::board::Description;
 use torno_protocol::time::Instant;
 
 use super::{Faults, Planned};
-use crate::dialect::Dialect;
-use crate::pc::{PcEvent, Replies};
 use crate::rig::Rig;
+use torno_bus::{Dialect, PcEvent, Replies};
 use torno_engine::Fact;
 
 /// So many replies are remembered for the faults that wait for one.

@@ -5,12 +5,13 @@ use torno_protocol::board::Stimulus;
 use torno_protocol::clock::{Clock, Rate, Ticks};
 use torno_protocol::time::Instant;
 
-use crate::pc::PcUart;
 use crate::rig::file::RigFile;
-use crate::rig::kinds::KindError;
-use crate::rig::kinds::motor::{self, Encoder, Law, Motor};
 use crate::rig::{Driver, Rig, RigError};
+use torno_bus::PcUart;
 use torno_engine::{Fact, NodeId};
+use torno_machines::kinds;
+use torno_machines::kinds::KindError;
+use torno_machines::motor::{Encoder, Law, Motor};
 use torno_text::nearest;
 
 /// A step that nobody sized is two thirds of full drive: 20 V of the main motor's 30. (Ours.)
@@ -186,9 +187,9 @@ impl Subject {
                 }
             },
         };
-        let Some(motor) = motor::motor(&found.kind, &found.settings, which)? else {
+        let Some(motor) = kinds::motor(&found.kind, &found.settings, which)? else {
             let has_motor = |other: &&crate::rig::file::Board| {
-                motor::motor(&other.kind, &other.settings, None).is_ok_and(|m| m.is_some())
+                kinds::motor(&other.kind, &other.settings, None).is_ok_and(|m| m.is_some())
             };
             let known: Vec<&str> = file.boards.iter().filter(has_motor).map(|board| board.name.as_str()).collect();
             let expected = if known.is_empty() {

@@ -10,15 +10,16 @@ use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::BITS_PER_CHARACTER;
 
 use crate::fault::{Faults, Looked, Onlooker};
-use crate::observe::{Digest, log};
+use crate::observe::log;
 use crate::pace::{Brake, Lapse, Pace};
-use crate::pc::{PcEvent, PcUart, STOPPED};
 use crate::port::{LineSettings, PcPort, PortEvent};
+use crate::recorder::{RECORDED, Recorder, RecordingError};
 use crate::rig::file::RigFile;
 use crate::rig::{Driver, Rig, RigError};
-use crate::trace::{End, RECORDED, Recorder, RecordingError};
 use steering::{Steering, next_call};
+use torno_bus::{PcEvent, STOPPED};
 use torno_engine::{Fact, Input, Limit, What};
+use torno_trace::{Digest, End};
 
 /// So many of the client's bytes wait in the driver at the most. Its settings are read with each helping, so a new
 /// speed holds at most this many characters late.
@@ -88,8 +89,7 @@ impl Live {
     /// # Errors
     /// [`LiveError`] if a board cannot be started.
     pub async fn start(file: &RigFile, driver: &Driver, pace: Pace, port: PcPort) -> Result<Self, LiveError> {
-        let uart = PcUart::new(file.pc.baud, file.pc.tx_fifo, file.pc.clock);
-        let rig = Rig::start(file, driver, uart).await?;
+        let rig = Rig::start(file, driver, file.uart()).await?;
         let settings = LineSettings { baud: file.pc.baud, ixon: false };
         Ok(Self {
             rig,
@@ -112,7 +112,7 @@ impl Live {
 
     /// Records everything from the start. For a rig that does not run yet.
     pub fn record(&mut self, recorder: Recorder) {
-        self.recording = Some(Recording { recorder, digest: Digest::new(&self.rig) });
+        self.recording = Some(Recording { recorder, digest: Digest::new(self.rig.layout()) });
     }
 
     /// Ends the recording, if there is one: every board is brought to one instant, so that what is recorded is all that

@@ -10,12 +10,12 @@ use crate::fault::{Planned, RawFault};
 use crate::observe::{Telemetry, log};
 use crate::pace::Pace;
 use crate::rig::Rig;
-use crate::rig::names::Names;
-use crate::trace::Header;
-use crate::trace::analyser::Analyser;
-use crate::trace::rows::{Filter, Row, Wanted};
+use torno_bus::Names;
 use torno_engine::{Fact, Input, What};
 use torno_text::{Complaint, Dice, nearest, of_toml, parse_span};
+use torno_trace::Header;
+use torno_trace::analyser::Analyser;
+use torno_trace::rows::{Filter, Row, Wanted};
 
 /// What a rig needs to be steered from outside.
 pub(super) struct Steering {
@@ -89,7 +89,7 @@ impl Steering {
 
     fn watch(&mut self, wanted: &Wanted, form: Form, rows: Rows) -> Result<(), Refused> {
         let filter = Filter::new(&self.header, wanted).map_err(|error| error.to_string())?;
-        let mut analyser = Analyser::new(&self.header, filter);
+        let mut analyser = Analyser::new(&self.header, filter, torno_machines::dialect);
         analyser.note(&self.tuned, &[]);
         // That was before anybody watched.
         analyser.take(wanted.from);

@@ -6,10 +6,9 @@ use std::collections::{BTreeMap, VecDeque};
 use torno_protocol::lathe::{Reply, ReplyDecoder};
 use torno_protocol::time::{Instant, Span};
 
-use crate::pc::STOPPED;
-use crate::trace::Header;
-use crate::trace::decode::Ears;
+use torno_bus::{Ears, STOPPED};
 use torno_engine::{Fact, LineId, NodeId};
+use torno_protocol::layout::{BoardLayout, Layout};
 
 /// The bytes of a frame.
 const FRAME: usize = 8;
@@ -100,12 +99,20 @@ impl Spread {
 }
 
 impl Ledger {
-    /// A ledger of nothing yet, for the rig with this header.
-    pub fn new(header: &Header) -> Self {
-        let pc = header.boards.len().saturating_sub(1);
-        let lines = header.lines.iter().map(|line| (line.name.clone(), line.from == pc, line.to == pc)).collect();
-        let axes = header.boards.iter().enumerate().flat_map(|(node, board)| followers(node, board)).collect();
-        Self { ears: Ears::new(header), lines, pc, held_since: None, held: Span::ZERO, boards: pc, axes }
+    /// A ledger of nothing yet, for a rig with this layout.
+    pub fn new(layout: &Layout) -> Self {
+        let pc = layout.gateways().next().unwrap_or_default();
+        let lines = layout.lines.iter().map(|line| (line.name.clone(), line.from.0 == pc, line.to.0 == pc)).collect();
+        let axes = layout.boards.iter().enumerate().flat_map(|(node, board)| followers(node, board)).collect();
+        Self {
+            ears: Ears::new(layout),
+            lines,
+            pc,
+            held_since: None,
+            held: Span::ZERO,
+            boards: layout.boards.iter().filter(|board| !board.is_gateway()).count(),
+            axes,
+        }
     }
 
     /// Takes note of facts.
@@ -167,7 +174,7 @@ impl Account {
 }
 
 /// The axes of a board: what has a position.
-fn followers(node: NodeId, board: &crate::trace::BoardInfo) -> Vec<Follower> {
+fn followers(node: NodeId, board: &BoardLayout) -> Vec<Follower> {
     let signals = &board.description.signals;
     let place = |name: &str| signals.iter().position(|signal| signal.name == name).map(|place| place as u8);
     let axis = |prefix: &str| {
@@ -271,13 +278,13 @@ mod tests {
         Instant::START + Span::from_millis(ms)
     }
 
-    fn header(rig: &str) -> Header {
-        Header::new(&RigFile::load(rig).unwrap(), rig, 0, None)
+    fn ledger(rig: &str) -> Ledger {
+        Ledger::new(&RigFile::load(rig).unwrap().layout)
     }
 
     #[test]
     fn an_axis_is_known_by_the_names_of_its_quantities() {
-        let axes = |rig| Ledger::new(&header(rig)).axes;
+        let axes = |rig| ledger(rig).axes;
         let names = |rig| axes(rig).into_iter().map(|a| (a.name, a.set_point.is_some())).collect::<Vec<_>>();
         let expected = [("transverse".to_owned(), true), ("depth".to_owned(), false)];
         assert_eq!((names("lathe"), names("lathe-dspic")), (expected.to_vec(), expected.to_vec()));
@@ -285,7 +292,7 @@ mod tests {
 
     #[test]
     fn what_is_told_at_one_instant_holds_together() {
-        let mut ledger = Ledger::new(&header("lathe"));
+        let mut ledger = ledger("lathe");
         let telemetry = |at, signal, value| Fact::Telemetry { node: 2, at, signal, value };
         let axis = &ledger.axes[0];
         let (position, set_point) = (axis.position, axis.set_point.unwrap());
@@ -297,7 +304,7 @@ mod tests {
 
     #[test]
     fn a_held_frame_is_answered_from_the_xon_on() {
-        let mut account = Ledger::new(&header("lathe")).close(ms(0));
+        let mut account = ledger("lathe").close(ms(0));
         let mut talk = Talk::default();
         (1..=16).for_each(|n| talk.sent(ms(n)));
         for (at, reply) in [(10, ACK), (18, XOFF), (500, XON), (505, ACK), (900, XON)] {
@@ -312,7 +319,7 @@ mod tests {
 
     #[test]
     fn a_pc_that_is_held_to_the_end_is_held_until_then() {
-        let mut ledger = Ledger::new(&header("lathe"));
+        let mut ledger = ledger("lathe");
         let pc = ledger.pc;
         let stopped = |at, value| Fact::Telemetry { node: pc, at, signal: STOPPED, value };
         ledger.add(&[stopped(ms(10), 1), stopped(ms(40), 0), stopped(ms(100), 1)]);

@@ -6,11 +6,11 @@ use torno_protocol::lathe::Program;
 
 use super::PartSummary;
 use super::drawing::Drawing;
-use crate::observe::{ToolPath, Turned};
 use crate::rig::file::RigFile;
-use crate::rig::part::Part;
-use crate::trace::Trace;
 use torno_engine::What;
+use torno_machines::workpiece::Part;
+use torno_machines::workpiece::{ToolPath, Turned};
+use torno_trace::Trace;
 
 /// The part that a run has turned.
 #[derive(Clone, Debug)]
@@ -33,7 +33,7 @@ impl Cut {
     pub fn of(trace: &Trace) -> Option<Self> {
         trace.header.program.as_ref()?;
         let part = RigFile::parse(&trace.header.rig, &trace.header.text).ok()?.part?;
-        let pc = trace.header.boards.len().checked_sub(1)?;
+        let pc = trace.header.layout.gateways().next()?;
         let written = trace.inputs.iter().filter_map(|input| match &input.what {
             What::Stimulus { board, stimulus: Stimulus::Write(bytes) } if *board == pc => Some(bytes),
             _ => None,

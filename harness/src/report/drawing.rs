@@ -9,8 +9,8 @@ use std::fmt::{Display, Write};
 use torno_part::{Place, Profile, deviations, outline};
 
 use super::{Measure, PartSummary};
-use crate::observe::Turned;
-use crate::rig::part::Part;
+use torno_machines::workpiece::Part;
+use torno_machines::workpiece::Turned;
 
 const SHEET: (f64, f64) = (297.0, 210.0);
 const MARGIN: f64 = 10.0;

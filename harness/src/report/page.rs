@@ -9,7 +9,7 @@ use super::plot::{LINES, PlotError, Series, Style, strip};
 use super::series::{Course, Courses, Motion, decimated, lasting};
 use super::timeline::{Bus, PC_HELD, Said};
 use super::{Cut, Shares, Stats, Summary};
-use crate::trace::Trace;
+use torno_trace::Trace;
 
 const STYLE: &str = include_str!("page/style.css");
 const SCRIPT: &str = include_str!("page/zoom.js");
@@ -339,7 +339,7 @@ impl Page<'_> {
     fn write_boards(&self, html: &mut String) -> fmt::Result {
         html.write_str("<div><h3>Boards at the end</h3><table id=\"boards\"><tbody>\n")?;
         let courses = Courses::new(self.trace);
-        for (n, board) in self.trace.header.boards.iter().enumerate() {
+        for (n, board) in self.trace.header.layout.boards.iter().enumerate() {
             let value = |signal: usize| courses.of(n, signal).and_then(|course| course.last()).map_or(0, |last| last.1);
             let told = board.description.signals.iter().enumerate();
             let told: Vec<String> = told.map(|(n, signal)| format!("{} {}", signal.name, value(n))).collect();

@@ -6,8 +6,8 @@ use anstyle::Style;
 use serde::Serialize;
 use torno_part::{Cylinder, GRID, Happening, Profile, cylinders, deviation};
 
-use crate::observe::Turned;
-use crate::rig::part::Part;
+use torno_machines::workpiece::Part;
+use torno_machines::workpiece::Turned;
 
 /// The part at the end of a program.
 #[derive(Clone, Debug, Serialize)]

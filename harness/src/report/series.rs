@@ -5,8 +5,9 @@
 
 use torno_protocol::time::Instant;
 
-use crate::trace::Trace;
 use torno_engine::Fact;
+use torno_protocol::layout::BoardLayout;
+use torno_trace::Trace;
 
 /// What a quantity was, from each instant on.
 pub type Course = Vec<(Instant, i64)>;
@@ -39,10 +40,10 @@ pub struct Motion {
 impl Courses {
     /// What is told in a trace.
     pub fn new(trace: &Trace) -> Self {
-        let initial = |board: &crate::trace::BoardInfo| {
+        let initial = |board: &BoardLayout| {
             board.description.signals.iter().map(|signal| vec![(Instant::START, signal.initial)]).collect()
         };
-        let mut courses: Vec<Vec<Course>> = trace.header.boards.iter().map(initial).collect();
+        let mut courses: Vec<Vec<Course>> = trace.header.layout.boards.iter().map(initial).collect();
         for fact in &trace.facts {
             if let Fact::Telemetry { node, at, signal, value } = fact
                 && let Some(course) = courses.get_mut(*node).and_then(|board| board.get_mut(usize::from(*signal)))
@@ -60,7 +61,7 @@ impl Courses {
 
     /// The motors of a rig, in its order.
     pub fn motions(&self, trace: &Trace) -> Vec<Motion> {
-        let boards = trace.header.boards.iter().enumerate();
+        let boards = trace.header.layout.boards.iter().enumerate();
         boards.flat_map(|(n, board)| Quantities::new(board, &self.0[n]).motions(&board.name)).collect()
     }
 }
@@ -69,7 +70,7 @@ impl Courses {
 struct Quantities<'a>(Vec<(&'a str, &'a Course)>);
 
 impl<'a> Quantities<'a> {
-    fn new(board: &'a crate::trace::BoardInfo, courses: &'a [Course]) -> Self {
+    fn new(board: &'a BoardLayout, courses: &'a [Course]) -> Self {
         Self(board.description.signals.iter().map(|signal| signal.name.as_str()).zip(courses).collect())
     }
 

@@ -10,12 +10,12 @@ use super::chart::{ALONG, Chart, Row};
 use super::drawing::escaped;
 use super::plot::LINES;
 use super::series::{Course, Courses, lasting};
-use crate::pc::STOPPED;
-use crate::rig::file::RigFile;
-use crate::trace::analyser::rows;
-use crate::trace::rows::{Filter, Kind, Place, Wanted};
-use crate::trace::{Header, Trace};
+use torno_bus::STOPPED;
 use torno_engine::LineId;
+use torno_protocol::layout::{Layout, LineLayout};
+use torno_trace::Trace;
+use torno_trace::analyser::rows;
+use torno_trace::rows::{Filter, Kind, Place, Wanted};
 
 /// More marks than this are not drawn, in all lanes together: those of a column become one.
 const MOST: u64 = 8_000;
@@ -90,7 +90,7 @@ impl State {
 
 /// The lines of a rig, and what was on them.
 pub(super) struct Bus<'a> {
-    header: &'a Header,
+    layout: &'a Layout,
     until: Instant,
     /// The lines, link by link, the PC's first.
     pub(super) lines: Vec<LineId>,
@@ -107,10 +107,10 @@ pub(super) struct Bus<'a> {
 impl<'a> Bus<'a> {
     /// What was said in a trace.
     pub(super) fn new(trace: &'a Trace, courses: &Courses) -> Self {
-        let header = &trace.header;
+        let (header, layout) = (&trace.header, &trace.header.layout);
         let kinds = ["characters", "frames", "inputs"].map(str::to_owned).to_vec();
         let rows = Filter::new(header, &Wanted { kinds, ..Wanted::default() })
-            .map_or_else(|_| Vec::new(), |filter| rows(trace, &filter));
+            .map_or_else(|_| Vec::new(), |filter| rows(trace, &filter, torno_machines::dialect));
         let (mut characters, mut messages, mut inputs) = (Vec::new(), Vec::new(), Vec::new());
         for row in rows {
             let (at, text, flaw) = (row.at, row.what(), row.is_flaw());
@@ -118,27 +118,26 @@ impl<'a> Bus<'a> {
                 (Place::Line(line), Kind::Characters) => characters.push(Said { at, line, text, flaw }),
                 (Place::Line(line), Kind::Frames) => messages.push(Said { at, line, text, flaw }),
                 // What the PC writes is on its line.
-                (Place::Board(board), Kind::Inputs) if board + 1 == header.boards.len() => {}
+                (Place::Board(board), Kind::Inputs) if layout.boards[board].is_gateway() => {}
                 (place, Kind::Inputs) => inputs.push((at, format!("{}: {text}", place.name(header)))),
                 _ => {}
             }
         }
-        let mut lines: Vec<LineId> = (0..header.lines.len()).collect();
-        let pc = header.boards.len().saturating_sub(1);
-        let place = |link: (usize, usize)| header.lines.iter().position(|line| ends(line.from, line.to) == link);
-        lines.sort_by_key(|line| {
-            let link = ends(header.lines[*line].from, header.lines[*line].to);
-            (link.1 != pc, place(link), *line)
+        let mut lines: Vec<LineId> = (0..layout.lines.len()).collect();
+        let place = |link: (usize, usize)| layout.lines.iter().position(|line| ends(line) == link);
+        lines.sort_by_key(|number| {
+            let line = &layout.lines[*number];
+            (!layout.is_outside(line), place(ends(line)), *number)
         });
         let until = trace.until();
         let states = states(trace, courses, until);
-        Self { header, until, lines, characters, messages, inputs, states }
+        Self { layout, until, lines, characters, messages, inputs, states }
     }
 
     /// The name of a line: from whom to whom.
     pub(super) fn name(&self, line: LineId) -> String {
-        let line = &self.header.lines[line];
-        let name = |board: usize| self.header.boards.get(board).map_or("?", |board| board.name.as_str());
+        let line = &self.layout.lines[line];
+        let name = |(board, _): (usize, u8)| self.layout.boards[board].name.as_str();
         format!("{} → {}", name(line.from), name(line.to))
     }
 
@@ -168,13 +167,12 @@ impl<'a> Bus<'a> {
         let columns = (MOST / self.lines.len().max(1) as u64).min(u64::from(ALONG) * 3);
         let mut before = None;
         for (n, line) in self.lines.iter().enumerate() {
-            let info = &self.header.lines[*line];
-            let link = ends(info.from, info.to);
+            let link = ends(&self.layout.lines[*line]);
             let gap = if before.replace(link) == Some(link) || n == 0 { 2 } else { 14 };
             let data = self.marks(&self.said(*line), columns);
             rows.push(Row { label: self.name(*line), height: 22, gap, data, size: LINES, ..Row::default() });
-            let last = self.lines.get(n + 1).map(|line| &self.header.lines[*line]);
-            if last.is_none_or(|next| ends(next.from, next.to) != link) {
+            let next = self.lines.get(n + 1).map(|line| &self.layout.lines[*line]);
+            if next.is_none_or(|next| ends(next) != link) {
                 rows.extend(self.states.iter().filter(|state| state.of == link).map(|state| self.state_row(state)));
             }
         }
@@ -245,8 +243,8 @@ impl<'a> Bus<'a> {
 
     /// From where to where it is shown close up, in seconds: what the PC said first, and what came of it at once.
     fn first_burst(&self) -> Option<(f64, f64)> {
-        let pc = self.header.boards.len().saturating_sub(1);
-        let first = self.characters.iter().position(|said| self.header.lines[said.line].from == pc)?;
+        let outside = |said: &Said| self.layout.sends_outside(&self.layout.lines[said.line]);
+        let first = self.characters.iter().position(outside)?;
         let begin = self.characters[first].at.as_secs_f64() - self.character_s(self.characters[first].line);
         let mut end = self.characters[first].at.as_secs_f64();
         for said in &self.characters[first..] {
@@ -348,36 +346,32 @@ fn escaped_lines(text: &str) -> String {
     text.lines().map(escaped).collect::<Vec<_>>().join("\n")
 }
 
-const fn ends(a: usize, b: usize) -> (usize, usize) {
-    if a < b { (a, b) } else { (b, a) }
+/// The boards of the link that a line belongs to.
+fn ends(line: &LineLayout) -> (usize, usize) {
+    (line.from.0.min(line.to.0), line.from.0.max(line.to.0))
 }
 
 /// What boards wait for, and what of them is only on or off.
 fn states(trace: &Trace, courses: &Courses, until: Instant) -> Vec<State> {
-    let header = &trace.header;
-    let pc = header.boards.len().saturating_sub(1);
-    let rig = RigFile::parse(&header.rig, &header.text).ok();
-    let links = rig.as_ref().map_or(&[][..], |rig| rig.links.as_slice());
+    let layout = &trace.header.layout;
     let mut states = Vec::new();
-    for (n, board) in header.boards.iter().enumerate() {
-        if n == pc {
+    for (n, board) in layout.boards.iter().enumerate() {
+        let sends = |port: Option<u8>| {
+            layout.lines.iter().find(|line| line.from.0 == n && port.is_none_or(|port| port == line.from.1))
+        };
+        if board.is_gateway() {
             // What the PC's UART tells is whether it is held.
-            let at = header.lines.iter().find(|line| line.from == pc).map_or(pc, |line| line.to);
-            let course = courses.of(pc, usize::from(STOPPED));
-            states.splice(0..0, course.map(|course| State::new(PC_HELD.to_owned(), ends(pc, at), course, until, 0)));
+            let link = sends(None).map_or((n, n), ends);
+            let course = courses.of(n, usize::from(STOPPED));
+            states.splice(0..0, course.map(|course| State::new(PC_HELD.to_owned(), link, course, until, 0)));
             continue;
         }
         for wait in &board.description.waits {
             let Some(course) = courses.of(n, usize::from(wait.signal)) else { continue };
             for (bit, port) in wait.ports.iter().enumerate() {
-                let other = links.iter().find_map(|[a, b]| match (n, *port) {
-                    end if end == *a => Some(b.0),
-                    end if end == *b => Some(a.0),
-                    _ => None,
-                });
-                let Some(other) = other.filter(|other| *other < header.boards.len()) else { continue };
-                let name = format!("{} busy", header.boards[other].name);
-                states.push(State::new(name, ends(n, other), course, until, bit as u32));
+                let Some(line) = sends(Some(*port)) else { continue };
+                let name = format!("{} busy", layout.boards[line.to.0].name);
+                states.push(State::new(name, ends(line), course, until, bit as u32));
             }
         }
         for (signal, known) in board.description.signals.iter().enumerate() {
@@ -385,8 +379,7 @@ fn states(trace: &Trace, courses: &Courses, until: Instant) -> Vec<State> {
             let Some(course) = courses.of(n, signal).filter(|_| !waits) else { continue };
             if course.len() > 1 && lasting(course, until).all(|(_, value)| value == 0 || value == 1) {
                 let name = format!("{} {}", board.name, known.name.replace('_', " "));
-                let line = header.lines.iter().find(|line| line.from == n);
-                let of = line.map_or((n, n), |line| ends(line.from, line.to));
+                let of = sends(None).map_or((n, n), ends);
                 states.push(State::new(name, of, course, until, 0));
             }
         }

@@ -5,25 +5,19 @@ use std::path::Path;
 use serde::Deserialize;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
-use torno_protocol::board::Description;
+use torno_protocol::board::{Board as _, Description};
 use torno_protocol::clock::Clock;
+use torno_protocol::layout::{BoardLayout, GATEWAY, Layout, LineLayout};
 use torno_protocol::time::Span;
 use torno_protocol::uart::BITS_PER_CHARACTER;
 
-use super::kinds::{self, KindError};
-use super::names::Names;
-use super::part::{Part, RawPart};
 use super::place;
-use crate::dialect::{self, Dialect};
 use crate::text_file::TextError;
-use torno_text::{Complaint, Invalid};
-
-/// The rigs that are built in: name and text.
-const BUILT_IN: [(&str, &str); 3] = [
-    ("lathe", include_str!("../../builtin/lathe.toml")),
-    ("lathe-dspic", include_str!("../../builtin/lathe-dspic.toml")),
-    ("servo", include_str!("../../builtin/servo.toml")),
-];
+use torno_bus::{Dialect, Names, PcUart};
+use torno_machines::kinds::{self, KindError};
+use torno_machines::workpiece::{Part, RawPart};
+use torno_text::{Complaint, Invalid, nearest};
+use torno_trace::Header;
 
 /// The rig that is meant where none is named.
 pub const DEFAULT: &str = "lathe";
@@ -39,8 +33,8 @@ pub struct RigFile {
     pub pc: Pc,
     /// The boards, in the order of the file.
     pub boards: Vec<Board>,
-    /// The links between boards, each as two ends: a board's place in `boards` and its port.
-    pub links: Vec<[(usize, u8); 2]>,
+    /// What the rig consists of, the PC's UART included.
+    pub layout: Layout,
     /// The part that it turns, if it does.
     pub part: Option<Part>,
     /// The file's text.
@@ -76,17 +70,6 @@ pub struct Board {
     pub description: Description,
 }
 
-/// A line of the rig: one direction of a link. Its ends are a board's place in [`RigFile::boards`] and its port.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Line {
-    /// Its name: `pc_to_master`.
-    pub name: String,
-    /// What sends on it.
-    pub from: (usize, u8),
-    /// What hears it.
-    pub to: (usize, u8),
-}
-
 /// Why a rig cannot be had.
 #[derive(Debug, thiserror::Error)]
 pub enum RigFileError {
@@ -112,8 +95,8 @@ pub enum RigFileError {
 }
 
 /// The names of the rigs that are built in.
-pub fn built_in_names() -> [&'static str; 3] {
-    BUILT_IN.map(|(name, _)| name)
+pub fn built_in_names() -> Vec<&'static str> {
+    torno_machines::rigs().map(|(name, _)| name).collect()
 }
 
 #[derive(Deserialize)]
@@ -177,7 +160,7 @@ impl RigFile {
     /// # Errors
     /// [`RigFileError`]: where, what was expected, what was found.
     pub fn load(rig: &str) -> Result<Self, RigFileError> {
-        if let Some((name, text)) = BUILT_IN.iter().find(|(name, _)| *name == rig) {
+        if let Some((name, text)) = torno_machines::rigs().find(|(name, _)| *name == rig) {
             return Self::parse(name, text);
         }
         let path = rig.to_owned();
@@ -225,12 +208,24 @@ impl RigFile {
         self.with(place.trim(), value.trim())
     }
 
-    /// Every line, in the order of the engine's numbers. The PC comes after the boards and has one port.
-    pub fn lines(&self) -> Vec<Line> {
-        let name = |place: usize| self.boards.get(place).map_or("pc", |board| board.name.as_str());
-        let links = [[(self.boards.len(), 0), self.pc.to]].into_iter().chain(self.links.iter().copied());
-        let both = links.flat_map(|[a, b]| [(a, b), (b, a)]);
-        both.map(|(from, to)| Line { name: format!("{}_to_{}", name(from.0), name(to.0)), from, to }).collect()
+    /// The layout of the rig with this text, which was named `path`; none if it is no rig.
+    pub fn layout_of(path: &str, text: &str) -> Option<Layout> {
+        Self::parse(path, text).ok().map(|file| file.layout)
+    }
+
+    /// The names of its parts.
+    pub fn names(&self) -> Names {
+        Names::of(&self.layout, self.dialect)
+    }
+
+    /// What heads the trace of a session with this rig, which was named `rig`.
+    pub fn header(&self, rig: &str, seed: u64, program: Option<&str>) -> Header {
+        Header::new(self.layout.clone(), &self.text, rig, seed, program)
+    }
+
+    /// The UART with which the PC takes part.
+    pub fn uart(&self) -> PcUart {
+        PcUart::new(self.pc.baud, self.pc.tx_fifo, self.pc.clock)
     }
 
     /// Longer than a character takes on any line: two at the slowest speed, as no clock is wrong by half.
@@ -241,7 +236,7 @@ impl RigFile {
 
     /// `table` is the file that `raw` was read from: it still knows where each setting stands.
     fn check(raw: RawRig, table: &DeTable<'_>) -> Result<Self, Complaint> {
-        let dialect = dialect::named(raw.dialect.get_ref()).map_err(|message| (raw.dialect.span(), message))?;
+        let dialect = find_dialect(&raw.dialect)?;
         check_name(&raw.name)?;
         let mut boards: Vec<Board> = Vec::new();
         let none = Spanned::new(0..0, DeValue::Table(DeTable::new()));
@@ -289,10 +284,52 @@ impl RigFile {
             links.push(link);
         }
         let name = raw.name.into_inner();
-        let mut file = Self { name, dialect, pc, boards, links, part: None, text: String::new() };
-        file.part = raw.part.map(|part| part.check(&Names::of(&file), &file.boards)).transpose()?;
+        let layout = layout(dialect, &pc, &boards, &links);
+        let mut file = Self { name, dialect, pc, boards, layout, part: None, text: String::new() };
+        let worth = |node: usize, quantity: &str| {
+            let Board { kind, settings, .. } = file.boards.get(node)?;
+            kinds::mm_per_count(kind, settings, quantity).ok().flatten()
+        };
+        file.part = raw.part.map(|part| part.check(&file.names(), &worth)).transpose()?;
         Ok(file)
     }
+}
+
+/// Every line, in the order of the engine's numbers: both directions of each link, the PC's first. The PC comes behind
+/// the boards and has one port.
+fn layout(dialect: &dyn Dialect, pc: &Pc, boards: &[Board], links: &[[(usize, u8); 2]]) -> Layout {
+    let board = |board: &Board| BoardLayout {
+        name: board.name.clone(),
+        kind: board.kind.clone(),
+        clock: board.clock,
+        description: board.description.clone(),
+    };
+    let gateway = BoardLayout {
+        name: GATEWAY.to_owned(),
+        kind: GATEWAY.to_owned(),
+        clock: pc.clock,
+        description: PcUart::new(pc.baud, pc.tx_fifo, pc.clock).description(),
+    };
+    let boards: Vec<BoardLayout> = boards.iter().map(board).chain([gateway]).collect();
+    let line = |from: (usize, u8), to: (usize, u8), baud: u32| LineLayout {
+        name: format!("{}_to_{}", boards[from.0].name, boards[to.0].name),
+        from,
+        to,
+        baud,
+        dialect: dialect.name().to_owned(),
+    };
+    let outside = ((boards.len() - 1, 0), pc.to, pc.baud);
+    let between = links.iter().map(|[a, b]| (*a, *b, dialect.baud()));
+    let both = [outside].into_iter().chain(between).flat_map(|(a, b, baud)| [line(a, b, baud), line(b, a, baud)]);
+    let lines = both.collect();
+    Layout { boards, lines }
+}
+
+fn find_dialect(name: &Spanned<String>) -> Result<&'static dyn Dialect, Complaint> {
+    torno_machines::dialect(name.get_ref()).ok_or_else(|| {
+        let (name, span) = (name.get_ref(), name.span());
+        (span, format!("unknown dialect '{name}'{}", nearest(name, &torno_machines::dialect_names())))
+    })
 }
 
 fn check_name(name: &Spanned<String>) -> Result<(), Complaint> {
@@ -369,8 +406,10 @@ fn find_end(boards: &[Board], end: &Spanned<String>) -> Result<(usize, u8), Comp
 mod tests {
     use super::*;
 
+    const LATHE: &str = include_str!("../../builtin/lathe.toml");
+
     fn lathe_with(from: &str, to: &str) -> String {
-        let text = BUILT_IN[0].1;
+        let text = LATHE;
         assert!(text.contains(from), "{from}");
         RigFile::parse("my.toml", &text.replacen(from, to, 1))
             .map(|_| "fine".to_owned())
@@ -379,7 +418,7 @@ mod tests {
 
     #[test]
     fn the_built_in_rigs_are_sound() {
-        for (name, _) in BUILT_IN {
+        for name in built_in_names() {
             assert_eq!(RigFile::load(name).unwrap().name, name);
         }
     }
@@ -395,7 +434,7 @@ mod tests {
             (|fields| format!("settings = {{ plant = {{\n  # (Ours.)\n\n  {fields},\n}} }}"), 4, 3),
         ];
         let kind = "kind = \"depth\"";
-        let text = BUILT_IN[0].1;
+        let text = LATHE;
         let kind_line = text[..text.find(kind).unwrap()].matches('\n').count() + 1;
         let known = "tau_s, rpm, pitch_mm, travel_mm, backlash_mm, friction, load_torque";
         for (field, column, expected) in [
@@ -429,7 +468,7 @@ mod tests {
         for (kind, field, expected) in own {
             let from = format!("kind = \"{kind}\"");
             // The depth board's come later in the file, and are fine.
-            let text = BUILT_IN[0].1.replace("kind = \"depth\"", "kind = \"depth\"\nsettings.plant.rpm = 9");
+            let text = LATHE.replace("kind = \"depth\"", "kind = \"depth\"\nsettings.plant.rpm = 9");
             let text = text.replace(&from, &format!("{from}\nsettings.{field}"));
             let found = RigFile::parse("my.toml", &text).unwrap_err().to_string();
             let line = text[..text.find(field).unwrap()].matches('\n').count() + 1;
@@ -508,7 +547,7 @@ mod tests {
             ),
             ("[pc]", "[pc", "my.toml:6:4:"),
         ] {
-            let line = BUILT_IN[0].1.split(from).next().unwrap().matches('\n').count() + 1;
+            let line = LATHE.split(from).next().unwrap().matches('\n').count() + 1;
             let expected = &expected.replace("LINE", &line.to_string());
             let found = lathe_with(from, to);
             assert!(found.contains(expected), "{found}\nlacks\n{expected}");

@@ -2,11 +2,10 @@
 
 mod cost;
 pub mod file;
-pub mod kinds;
-pub mod names;
-pub mod part;
 pub mod place;
 mod process;
+#[cfg(test)]
+mod workpiece;
 
 use std::collections::BTreeMap;
 use std::future::poll_fn;
@@ -20,21 +19,22 @@ use rustix::thread::CpuSet;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use torno_protocol::board::{Description, Stimulus, Wait};
 use torno_protocol::clock::Clock;
+use torno_protocol::layout::{Layout, LineLayout};
 use torno_protocol::record::{FromBoard, Setup, Turn, VERSION};
 use torno_protocol::stepping::{BrokenPromise, Stepper};
 use torno_protocol::time::Instant;
 
 pub use crate::channel::Bytes;
-use crate::pc::{PcProgram, PcUart};
 pub use cost::Cost;
 use cost::Stopwatch;
 use file::RigFile;
-use kinds::Steps;
 use process::BoardProcess;
 pub use process::ProcessChange;
+use torno_bus::{PcProgram, PcUart};
 use torno_engine::{
     Disturbance, End, Engine, Fact, FaultId, Hit, Input, LateOutput, Limit, LineId, NodeId, Watch, WatchId, What,
 };
+use torno_machines::kinds::{self, Steps};
 
 /// How long a board may take over one turn, in wall time. One that is merely slow is waited for.
 const SLOW_BOARD: Duration = Duration::from_secs(10);
@@ -174,7 +174,7 @@ impl Node {
 pub struct Rig {
     engine: Engine,
     nodes: Vec<Node>,
-    lines: Vec<String>,
+    layout: Layout,
     pc: NodeId,
     children: Signal,
     /// There has been news of the processes that is not noted yet.
@@ -200,7 +200,7 @@ impl Rig {
         let mut rig = Self {
             engine: Engine::new(),
             nodes: Vec::new(),
-            lines: Vec::new(),
+            layout: file.layout.clone(),
             pc: file.boards.len(),
             children,
             news: false,
@@ -215,7 +215,7 @@ impl Rig {
         }
         let pc: Box<dyn Steps> = Box::new(Stepper::new(pc));
         rig.add_node(Node::new("pc", pc.description(), file.pc.clock, Seat::Local(pc)));
-        file.lines().into_iter().for_each(|line| rig.add_line(line));
+        file.layout.lines.iter().for_each(|line| rig.add_line(line));
         rig.greet().await?;
         rig.nodes.iter_mut().for_each(|node| node.bytes.0 = node.bytes().unwrap_or_default());
         let first = rig.engine.catch_up(Instant::START.next());
@@ -228,10 +228,9 @@ impl Rig {
         self.nodes.push(node);
     }
 
-    fn add_line(&mut self, line: file::Line) {
+    fn add_line(&mut self, line: &LineLayout) {
         let end = |(node, port): (NodeId, u8)| End { node, port };
         self.engine.add_line(end(line.from), end(line.to));
-        self.lines.push(line.name);
     }
 
     /// Waits until every process has said that it is what it should be.
@@ -314,9 +313,9 @@ impl Rig {
         &self.nodes
     }
 
-    /// The names of the lines, in the order of the engine's numbers.
-    pub fn lines(&self) -> &[String] {
-        &self.lines
+    /// What it consists of.
+    pub const fn layout(&self) -> &Layout {
+        &self.layout
     }
 
     /// The boards that a board waits for, if its quantities have these values.

@@ -8,11 +8,12 @@ use torno_protocol::time::{Instant, Span};
 use super::{Action, Failure, Scenario, Step};
 use crate::condition::{Claim, Condition, is_reply};
 use crate::fault::{Fault, Faults};
-use crate::observe::{Digest, Sum, ToolPath};
-use crate::pc::{PcEvent, PcUart, Replies};
+use crate::recorder::{Recorder, SessionError};
 use crate::rig::{Driver, Rig};
-use crate::trace::{self, Recorder, SessionError};
+use torno_bus::{PcEvent, Replies};
 use torno_engine::{Fact, Hit, Limit, NodeId, REACTION, WatchId};
+use torno_machines::workpiece::ToolPath;
+use torno_trace::{Digest, Sum};
 
 /// The first step takes place so long after the rig has started.
 const BEGIN: Span = Span::from_millis(10);
@@ -64,9 +65,7 @@ async fn conduct(
     recorder: Option<Recorder>,
     slice: Option<Span>,
 ) -> Result<Outcome, SessionError> {
-    let pc = &scenario.file.pc;
-    let uart = PcUart::new(pc.baud, pc.tx_fifo, pc.clock);
-    let rig = Rig::start(&scenario.file, driver, uart).await?;
+    let rig = Rig::start(&scenario.file, driver, scenario.file.uart()).await?;
     let mut conductor = Conductor { slice, ..Conductor::new(scenario, rig, recorder) };
     conductor.begin();
     for (number, step) in scenario.steps.iter().enumerate() {
@@ -117,7 +116,7 @@ impl<'a> Conductor<'a> {
         let initial = |node: &crate::rig::Node| node.description.signals.iter().map(|signal| signal.initial).collect();
         Self {
             scenario,
-            digest: Digest::new(&rig),
+            digest: Digest::new(rig.layout()),
             path: scenario.part.as_ref().map(|expected| ToolPath::new(&expected.part)),
             values: rig.nodes().iter().map(initial).collect(),
             rig,
@@ -436,7 +435,7 @@ impl<'a> Conductor<'a> {
         if let Some(recorder) = &mut self.recorder {
             let outcome = if self.failures.is_empty() { "passed" } else { "failed" };
             let at = end - Span::from_nanos(1);
-            recorder.finish(&trace::End { digest: digest.to_string(), at, outcome: outcome.to_owned() })?;
+            recorder.finish(&torno_trace::End { digest: digest.to_string(), at, outcome: outcome.to_owned() })?;
         }
         let replies = self.replies.from(0).map(str::to_owned).collect();
         Ok(Outcome { failures: self.failures, digest, end, replies })

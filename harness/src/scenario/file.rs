@@ -11,8 +11,8 @@ use super::{Action, PATIENCE, Scenario, Step};
 use crate::condition::{RawCondition, replies};
 use crate::fault::{Fault, RawFault, span, text_drawn};
 use crate::rig::file::{DEFAULT, RigFile, RigFileError, built_in_names};
-use crate::rig::names::Names;
 use crate::text_file::TextError;
+use torno_bus::Names;
 use torno_text::{Complaint, Dice, Invalid, nearest};
 
 /// A scenario ends at the latest so long after it has begun, if nothing else is said.
@@ -121,7 +121,7 @@ impl Scenario {
 
     fn check(raw: RawScenario, file: RigFile, rig: String) -> Result<Self, Complaint> {
         let nothing = raw.step.is_empty() && raw.fault.is_empty() && raw.end.is_none();
-        let names = Names::of(&file);
+        let names = file.names();
         let seed = raw.seed;
         let mut dice = Dice::new(seed);
         let mut known: Vec<Fault> = Vec::new();

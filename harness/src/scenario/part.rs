@@ -7,9 +7,9 @@ use serde::Deserialize;
 use toml::Spanned;
 use torno_part::Event;
 
-use crate::observe::Turned;
 use crate::rig::file::RigFile;
-use crate::rig::part::Part;
+use torno_machines::workpiece::Part;
+use torno_machines::workpiece::Turned;
 use torno_text::{Complaint, nearest, parse_length};
 
 /// What is expected of a part.

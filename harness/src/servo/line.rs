@@ -10,14 +10,15 @@ use torno_protocol::board::Stimulus;
 use torno_protocol::servo::{BAUD, CHARACTER};
 use torno_protocol::time::{Instant, Span};
 
-use crate::observe::{Digest, Telemetry, log};
+use crate::observe::{Telemetry, log};
 use crate::pace::{Brake, Pace};
-use crate::pc::{PcEvent, PcUart};
+use crate::recorder::{Recorder, RecordingError};
 use crate::rig::file::RigFile;
 use crate::rig::{Driver, Node, Rig, RigError};
 use crate::send::SendError;
-use crate::trace::{End, Header, Recorder, RecordingError, Trace};
+use torno_bus::{PcEvent, PcUart};
 use torno_engine::{Fact, Limit};
+use torno_trace::{Digest, End, Header, Trace};
 
 /// Virtual time goes no further at once while an answer is awaited.
 const SLICE: Span = Span::from_millis(20);
@@ -103,7 +104,7 @@ impl RigLine {
             name: format!("the rig '{}'", file.name),
             now: Instant::START + BEGIN,
             brake: Brake::new(Pace::Max).map_err(RigError::from)?,
-            digest: Digest::new(&rig),
+            digest: Digest::new(rig.layout()),
             telemetry: Telemetry::new(&rig),
             recorder: None,
             trace: None,

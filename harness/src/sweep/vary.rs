@@ -6,7 +6,6 @@ use toml::{Table, Value};
 use xxhash_rust::xxh3::xxh3_128;
 
 use crate::fault::LINE_KINDS;
-use crate::rig::names::Names;
 use crate::rig::place;
 use crate::scenario::{Scenario, ScenarioError};
 use crate::text_file::TextError;
@@ -106,7 +105,7 @@ impl Scene {
             crate::text_file::read(path).map_err(|source| SweepError::Unreadable { path: name.clone(), source })?;
         let file = Scenario::parse(&name, &text, None)?.file;
         let scenario = toml::from_str(&text).unwrap_or_default();
-        Ok(Self { path: name, scenario, lines: Names::of(&file).lines, rig: file.text, without: Vec::new() })
+        Ok(Self { path: name, scenario, lines: file.names().lines, rig: file.text, without: Vec::new() })
     }
 
     /// A digest of what the scenario's file and its rig's say, wherever they are.

@@ -9,7 +9,6 @@ use torno::report::Status;
 use torno::report::page::Page;
 use torno::servo::controller::parts;
 use torno::servo::{Controller, Ended, Left, Line, Report, RigLine};
-use torno::trace::Header;
 
 use super::{
     FAILED, INTERRUPTED, Interrupt, Paint, Place, Source, Stand, connected, driver, gains, print, start_recording,
@@ -88,7 +87,7 @@ impl Arguments {
 
     async fn on_rig(&self, source: &Source) -> anyhow::Result<ExitCode> {
         let file = self.place.rig()?;
-        let header = Header::new(&file, &self.place.rig, 0, Some(&source.name));
+        let header = file.header(&self.place.rig, 0, Some(&source.name));
         // Before anything runs: a file that cannot be written must not cost a run.
         let recorder = self.record.as_deref().map(|path| start_recording(path, &header)).transpose()?;
         let page = self.report.as_deref().map(|path| create(path).map(|file| (path, file))).transpose()?;

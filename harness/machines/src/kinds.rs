@@ -1,0 +1,194 @@
+//! The kinds of boards: what each machine declares of its own, and how a board of any kind is built.
+
+use std::ops::Range;
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use toml::de::{DeTable, DeValue, ValueDeserializer};
+use toml::{Spanned, Table};
+use torno_protocol::board::{Board, Description};
+use torno_protocol::clock::Clock;
+use torno_protocol::record::{Batch, Turn};
+use torno_protocol::stepping::{BrokenPromise, Stepper};
+use torno_text::{Complaint, of_toml};
+
+use crate::MACHINES;
+use crate::motor::Motor;
+
+/// A board's settings, as part of the text that they were read from.
+pub type Settings<'a> = Spanned<DeValue<'a>>;
+
+/// A kind of board, as its machine declares it.
+pub struct Kind {
+    /// Its name, as rig files say it.
+    pub(crate) name: &'static str,
+    /// Builds a board of this kind as at power-on.
+    pub(crate) build: fn(&Settings<'_>, Clock) -> Result<Box<dyn Steps>, Complaint>,
+    /// The motor of such a board; of several, the one with this name.
+    pub(crate) motor: fn(&Settings<'_>, Option<&str>) -> Result<Option<Motor>, Complaint>,
+    /// How far the carriage goes for each count of a quantity, in mm.
+    pub(crate) mm_per_count: fn(&Settings<'_>, &str) -> Result<Option<f64>, Complaint>,
+}
+
+/// A board of any kind with its stepper.
+pub trait Steps: Send {
+    /// What the board consists of.
+    fn description(&self) -> Description;
+
+    /// Takes a turn.
+    ///
+    /// # Errors
+    /// See [`Stepper::turn`].
+    fn turn(&mut self, turn: &Turn) -> Result<Batch, BrokenPromise>;
+}
+
+impl<B: Board + Send> Steps for Stepper<B> {
+    fn description(&self) -> Description {
+        self.board().description()
+    }
+
+    fn turn(&mut self, turn: &Turn) -> Result<Batch, BrokenPromise> {
+        Self::turn(self, turn)
+    }
+}
+
+/// Why a board cannot be built.
+#[derive(Debug, PartialEq, Eq, thiserror::Error)]
+pub enum KindError {
+    /// There is no such kind.
+    #[error("unknown kind of board '{kind}': expected one of {}", names().join(", "))]
+    Unknown {
+        /// The kind that was asked for.
+        kind: String,
+    },
+    /// Its settings are wrong.
+    #[error("settings of this {kind}: {message}")]
+    Settings {
+        /// The kind of board.
+        kind: String,
+        /// What was expected, and what was found.
+        message: String,
+        /// Where in their text.
+        span: Range<usize>,
+    },
+}
+
+/// The names of all kinds.
+pub fn names() -> Vec<&'static str> {
+    MACHINES.iter().flat_map(|machine| machine.kinds).map(|kind| kind.name).collect()
+}
+
+fn find(kind: &str) -> Result<&'static Kind, KindError> {
+    let mut known = MACHINES.iter().flat_map(|machine| machine.kinds);
+    known.find(|known| known.name == kind).ok_or_else(|| KindError::Unknown { kind: kind.to_owned() })
+}
+
+/// Builds a board as at power-on. `settings` is TOML.
+///
+/// # Errors
+/// [`KindError`] if there is no such kind, or its settings are wrong.
+pub fn build(kind: &str, settings: &str, clock: Clock) -> Result<Box<dyn Steps>, KindError> {
+    with(kind, settings, |found, settings| (found.build)(settings, clock))
+}
+
+/// The same from settings that are part of a larger text: it is this text that an error's span lies in.
+///
+/// # Errors
+/// As there.
+pub fn build_parsed(kind: &str, settings: &Settings<'_>, clock: Clock) -> Result<Box<dyn Steps>, KindError> {
+    (find(kind)?.build)(settings, clock).map_err(|complaint| wrong(kind, complaint))
+}
+
+/// The motor of a board of that kind with these settings (TOML); None if it has none. Of several motors, the one with
+/// this name.
+///
+/// # Errors
+/// [`KindError`] if there is no such kind, or its settings are wrong.
+pub fn motor(kind: &str, settings: &str, which: Option<&str>) -> Result<Option<Motor>, KindError> {
+    with(kind, settings, |found, settings| (found.motor)(settings, which))
+}
+
+/// How far the carriage of a board of that kind goes for each count of a quantity, in mm, by its screw and its encoder;
+/// None if the quantity counts no carriage. `settings` is TOML.
+///
+/// # Errors
+/// [`KindError`] if there is no such kind, or its settings are wrong.
+pub fn mm_per_count(kind: &str, settings: &str, quantity: &str) -> Result<Option<f64>, KindError> {
+    with(kind, settings, |found, settings| (found.mm_per_count)(settings, quantity))
+}
+
+fn with<T>(
+    kind: &str,
+    settings: &str,
+    then: impl Fn(&Kind, &Settings<'_>) -> Result<T, Complaint>,
+) -> Result<T, KindError> {
+    let found = find(kind)?;
+    let table = DeTable::parse(settings).map_err(|error| wrong(kind, of_toml(&error)))?;
+    let settings = Spanned::new(table.span(), DeValue::Table(table.into_inner()));
+    then(found, &settings).map_err(|complaint| wrong(kind, complaint))
+}
+
+/// The settings of a board, read and checked.
+pub(crate) fn read<S: DeserializeOwned + Default + Serialize>(
+    settings: &Settings<'_>,
+    check: impl Fn(&S) -> Result<(), String>,
+) -> Result<S, Complaint> {
+    let read = S::deserialize(ValueDeserializer::from(settings.clone())).map_err(|error| {
+        let (span, message) = of_toml(&error);
+        (span, elsewhere::<S>(&message).unwrap_or(message))
+    })?;
+    match check(&read) {
+        Ok(()) => Ok(read),
+        Err(message) => {
+            // A check names the field first.
+            let field = message.split(':').next().unwrap_or_default();
+            let place = field.split('.').try_fold(settings, |table, word| table.get_ref().get(word));
+            let span = place.map_or(settings.span(), Spanned::span);
+            Err((span, message))
+        }
+    }
+}
+
+/// A complaint about a field that is unknown where it stands and known in another table, with the other place.
+fn elsewhere<S: Default + Serialize>(message: &str) -> Option<String> {
+    let name = message.strip_prefix("unknown field `")?.split('`').next()?;
+    let table = Table::try_from(S::default()).ok()?;
+    let place = place_of(&table, name)?;
+    Some(format!("unknown field `{name}`: did you mean '{place}'?"))
+}
+
+fn place_of(table: &Table, name: &str) -> Option<String> {
+    table.iter().find_map(|(table, value)| {
+        let inner = value.as_table()?;
+        let deeper = if inner.contains_key(name) { Some(name.to_owned()) } else { place_of(inner, name) };
+        deeper.map(|deeper| format!("{table}.{deeper}"))
+    })
+}
+
+fn wrong(kind: &str, (span, message): Complaint) -> KindError {
+    KindError::Settings { kind: kind.to_owned(), message, span }
+}
+
+/// A board with its stepper.
+pub(crate) fn boxed<B: Board + Send + 'static>(board: B) -> Box<dyn Steps> {
+    Box::new(Stepper::new(board))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_count_is_what_screw_and_encoder_make_of_it() {
+        let worth = |kind: &str, settings: &str, quantity: &str| mm_per_count(kind, settings, quantity).unwrap();
+        assert_eq!(worth("transverse", "", "position_counts"), Some(2.0 / 900.0));
+        assert_eq!(worth("transverse", "plant.pitch_mm = 1.0", "position_counts"), Some(1.0 / 900.0));
+        assert_eq!(worth("depth", "encoder.slots = 450", "carriage_offset_counts"), Some(160.0 / 450.0));
+        assert_eq!(worth("dspic", "depth.encoder.slots = 600", "depth_position_counts"), Some(160.0 / 600.0));
+        assert_eq!(worth("dspic", "transverse.plant.pitch_mm = 4.0", "transverse_position_counts"), Some(4.0 / 900.0));
+        assert_eq!(worth("servo", "", "position_counts"), Some(1.0 / 125.0));
+        assert_eq!(worth("dspic", "", "spindle_speed_rpm"), None);
+        assert_eq!(worth("spindle", "", "position_counts"), None);
+        assert!(mm_per_count("lathe", "", "position_counts").is_err());
+    }
+}

@@ -1,0 +1,139 @@
+//! The kinds of the lathe's boards, and their motors as seen from a bench.
+
+use torno_dspic::{Dspic, DspicSettings};
+use torno_master::{Master, MasterSettings};
+use torno_slaves::{
+    Depth, DepthSettings, LeadForm, PositionForm, Spindle, SpindleSettings, Transverse, TransverseSettings,
+};
+
+use crate::kinds::{Kind, boxed, read};
+use crate::motor::{Encoder, Form, Law, Motor};
+
+/// The kinds of the lathe's boards.
+pub(super) const KINDS: [Kind; 5] = [
+    Kind {
+        name: "master",
+        build: |settings, clock| Ok(boxed(Master::new(&read(settings, MasterSettings::check)?, clock))),
+        motor: |settings, _| read(settings, MasterSettings::check).map(|_| None),
+        mm_per_count: |settings, _| read(settings, MasterSettings::check).map(|_| None),
+    },
+    Kind {
+        name: "spindle",
+        build: |settings, clock| Ok(boxed(Spindle::new(&read(settings, SpindleSettings::check)?, clock))),
+        motor: |settings, _| read(settings, SpindleSettings::check).map(|settings| Some(spindle(&settings))),
+        mm_per_count: |settings, _| read(settings, SpindleSettings::check).map(|_| None),
+    },
+    Kind {
+        name: "transverse",
+        build: |settings, clock| Ok(boxed(Transverse::new(&read(settings, TransverseSettings::check)?, clock))),
+        motor: |settings, _| read(settings, TransverseSettings::check).map(|settings| Some(transverse(&settings))),
+        mm_per_count: |settings, quantity| {
+            let settings = read(settings, TransverseSettings::check)?;
+            Ok(counts_a_carriage(quantity).then(|| feed(&settings)))
+        },
+    },
+    Kind {
+        name: "depth",
+        build: |settings, clock| Ok(boxed(Depth::new(&read(settings, DepthSettings::check)?, clock))),
+        motor: |settings, _| read(settings, DepthSettings::check).map(|settings| Some(depth(&settings))),
+        mm_per_count: |settings, quantity| {
+            let settings = read(settings, DepthSettings::check)?;
+            Ok(counts_a_carriage(quantity).then(|| infeed(&settings)))
+        },
+    },
+    Kind {
+        name: "dspic",
+        build: |settings, clock| Ok(boxed(Dspic::new(&read(settings, DspicSettings::check)?, clock))),
+        motor: |settings, which| {
+            let settings = read(settings, DspicSettings::check)?;
+            Ok(match which {
+                Some("spindle") => Some(spindle(&settings.spindle)),
+                Some("transverse") => Some(transverse(&settings.transverse)),
+                Some("depth") => Some(depth(&settings.depth)),
+                _ => None,
+            })
+        },
+        mm_per_count: |settings, quantity| {
+            let settings = read(settings, DspicSettings::check)?;
+            Ok(match quantity.split_once('_') {
+                Some(("transverse", quantity)) if counts_a_carriage(quantity) => Some(feed(&settings.transverse)),
+                Some(("depth", quantity)) if counts_a_carriage(quantity) => Some(infeed(&settings.depth)),
+                _ => None,
+            })
+        },
+    },
+];
+
+fn counts_a_carriage(quantity: &str) -> bool {
+    ["position_counts", "carriage_offset_counts"].contains(&quantity)
+}
+
+fn feed(settings: &TransverseSettings) -> f64 {
+    1.0 / settings.counts(1.0)
+}
+
+fn infeed(settings: &DepthSettings) -> f64 {
+    1.0 / settings.slots_per_mm()
+}
+
+fn spindle(SpindleSettings { drive, encoder, controller, .. }: &SpindleSettings) -> Motor {
+    Motor {
+        encoder: Encoder::Window("speed_counts"),
+        period_ms: controller.window_ms,
+        count: core::f64::consts::TAU / f64::from(encoder.pulses_per_rev),
+        unit: "rad",
+        full: (drive.supply_v, greatest(drive.bits)),
+        input_unit: "V",
+        travel: None,
+        law: Law::Lead([
+            ("controller.alpha", controller.alpha),
+            ("controller.beta", controller.beta),
+            ("controller.k", controller.k),
+        ]),
+        printed: (controller.form != LeadForm::Incremental).then_some(Form::Lead),
+    }
+}
+
+fn transverse(settings: &TransverseSettings) -> Motor {
+    let controller = &settings.controller;
+    let full = greatest(settings.drive.bits);
+    Motor {
+        encoder: Encoder::Position("position_counts"),
+        period_ms: controller.sample_ms,
+        count: 1.0,
+        unit: "counts",
+        full: (full as f64, full),
+        input_unit: "LSB",
+        travel: Some((settings.counts(settings.plant.travel_mm) / 2.0) as u32),
+        law: Law::Pid([
+            ("controller.k1", controller.k1),
+            ("controller.k2", controller.k2),
+            ("controller.k3", controller.k3),
+        ]),
+        printed: match controller.form {
+            PositionForm::Pid => None,
+            PositionForm::Literal => Some(Form::Pid),
+            PositionForm::Characterisation => Some(Form::Proportional(controller.kch)),
+            PositionForm::Open => Some(Form::Open),
+        },
+    }
+}
+
+fn depth(settings: &DepthSettings) -> Motor {
+    Motor {
+        encoder: Encoder::Position("position_counts"),
+        period_ms: settings.controller.poll_ms,
+        count: 1.0 / settings.slots_per_mm(),
+        unit: "mm",
+        full: (1.0, 1),
+        input_unit: "on",
+        travel: Some((settings.plant.travel_mm * settings.slots_per_mm() / 2.0) as u32),
+        law: Law::OnOff,
+        printed: None,
+    }
+}
+
+/// The greatest number of so many bits.
+const fn greatest(bits: u32) -> i64 {
+    (1 << bits) - 1
+}

@@ -1,0 +1,423 @@
+//! The lathe's dialect: frames, the slaves' parts of them, and replies.
+//!
+//! Where frames begin is not on the line; it follows from silences, from replies and from which slaves are busy. So the
+//! characters of all lines are read together, by the rules of the boards.
+
+use torno_protocol::lathe::{
+    ACK, BAUD, BEL, CAN, CHARACTER, DepthPart, ENQ, FRAME_GAP, Fault, Frame, Parity, Party, Program, Refusal, Reply,
+    ReplyDecoder, Slave, SpindlePart, TransversePart,
+};
+use torno_protocol::layout::{GATEWAY, Layout, LineLayout};
+use torno_protocol::time::{Instant, Span};
+
+use torno_bus::{Dialect, Heard, Listener, Message, Reader, hex, is_stray_byte, no_reply};
+use torno_engine::LineId;
+
+/// The longest time from one character of a slave's part to the next.
+const PART_GAP: Span = CHARACTER.times(3);
+
+/// The lathe's dialect.
+#[derive(Debug)]
+pub(super) struct Lathe;
+
+impl Dialect for Lathe {
+    fn name(&self) -> &'static str {
+        "lathe"
+    }
+
+    fn baud(&self) -> u32 {
+        BAUD
+    }
+
+    fn holds_the_pc(&self) -> bool {
+        true
+    }
+
+    fn check_reply(&self, code: &str) -> Result<(), String> {
+        let words = ["ACK", "XOFF", "XON", "NAK", "CAN"];
+        let parties = || Slave::ALL.map(Party::Slave).into_iter().chain([Party::Master]);
+        let failures = parties().flat_map(|party| Fault::ALL.map(|fault| Reply::Can(party, fault)));
+        let lettered: Vec<String> = Refusal::ALL.map(Reply::Nak).into_iter().chain(failures).map(Reply::code).collect();
+        if words.contains(&code) || is_stray_byte(code) || lettered.iter().any(|known| known == code) {
+            return Ok(());
+        }
+        // Of the many with letters, those that begin alike.
+        let word = code.split(' ').next().unwrap_or_default();
+        let alike = lettered.iter().map(String::as_str).filter(|known| known.split(' ').next() == Some(word));
+        let alike: Vec<&str> = alike.collect();
+        Err(no_reply(code, if alike.is_empty() { &words } else { &alike }))
+    }
+
+    fn listener(&self) -> Box<dyn Listener> {
+        Box::new(Cable::default())
+    }
+
+    fn reader(&self, layout: &Layout) -> Box<dyn Reader> {
+        Box::new(Lines::new(layout))
+    }
+
+    fn bytes(&self, text: &str) -> Result<Vec<u8>, String> {
+        Program::parse(text).map(|program| program.bytes()).map_err(|error| error.to_string())
+    }
+
+    fn player(&self) -> &'static str {
+        "torno run"
+    }
+}
+
+/// What goes over the PC's cable.
+#[derive(Clone, Debug, Default)]
+struct Cable {
+    sending: Vec<u8>,
+    replies: ReplyDecoder,
+}
+
+impl Listener for Cable {
+    fn sent(&mut self, _: Instant, byte: u8) -> Vec<String> {
+        self.sending.push(byte);
+        let Ok(frame) = <[u8; 8]>::try_from(self.sending.as_slice()) else { return Vec::new() };
+        self.sending.clear();
+        let meaning = Frame::parse(frame).map_or_else(|refusal| refusal.to_string(), |_| "a frame".to_owned());
+        vec![format!("{} ({meaning})", hex(&frame))]
+    }
+
+    fn received(&mut self, _: Instant, byte: u8) -> Vec<torno_bus::Reply> {
+        let reply = |reply: Reply| torno_bus::Reply { code: reply.code(), text: reply.to_string() };
+        self.replies.push(byte).into_iter().map(reply).collect()
+    }
+}
+
+/// What a line is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Role {
+    Frames,
+    Replies,
+    Parts(Slave),
+    Answers(Slave),
+    Unknown,
+}
+
+fn slave(kind: &str) -> Option<Slave> {
+    Slave::ALL.into_iter().find(|slave| slave.name() == kind)
+}
+
+/// Reads the characters of all lines together.
+#[derive(Clone, Debug, Default)]
+struct Lines {
+    roles: Vec<Role>,
+    /// The bytes of the frame that is coming.
+    frame: Partial,
+    /// Until the PC has been silent, nothing is a frame.
+    discarding: bool,
+    /// The last `XON`: the silence of a PC that was held counts from there.
+    resumed: Instant,
+    replies: ReplyDecoder,
+    slaves: [Conversation; 3],
+    messages: Vec<Message>,
+}
+
+#[derive(Clone, Debug, Default)]
+struct Partial {
+    line: LineId,
+    bytes: Vec<u8>,
+    last: Instant,
+}
+
+#[derive(Clone, Debug, Default)]
+struct Conversation {
+    part: Partial,
+    busy: bool,
+    /// It has been given a part.
+    given: bool,
+    /// `ACK` or `CAN` has come, its letter has not.
+    awaiting: Option<u8>,
+}
+
+impl Lines {
+    /// Reads a rig's lines from the start.
+    fn new(layout: &Layout) -> Self {
+        let kind = |board: usize| layout.boards[board].kind.as_str();
+        let role = |line: &LineLayout| match (kind(line.from.0), kind(line.to.0)) {
+            (GATEWAY, _) => Role::Frames,
+            (_, GATEWAY) => Role::Replies,
+            ("master", to) => slave(to).map_or(Role::Unknown, Role::Parts),
+            (from, "master") => slave(from).map_or(Role::Unknown, Role::Answers),
+            _ => Role::Unknown,
+        };
+        Self { roles: layout.lines.iter().map(role).collect(), ..Self::default() }
+    }
+
+    fn tell(&mut self, at: Instant, line: LineId, text: String, flaw: bool) {
+        self.messages.push(Message { at, line, text, flaw });
+    }
+
+    fn hear_pc(&mut self, heard: &Heard) {
+        let silent_since = self.frame.last.max(self.resumed.min(heard.at));
+        if heard.at.since(silent_since) > FRAME_GAP + CHARACTER {
+            self.cut_frame_short();
+            self.discarding = false;
+        }
+        self.frame.line = heard.line;
+        self.frame.last = heard.at;
+        let Some(byte) = heard.character.ok() else {
+            self.frame.bytes.clear();
+            self.discarding = true;
+            return;
+        };
+        if self.discarding {
+            return;
+        }
+        self.frame.bytes.push(byte);
+        if let Ok(bytes) = <[u8; 8]>::try_from(self.frame.bytes.as_slice()) {
+            self.frame.bytes.clear();
+            let (text, flaw) = match Frame::parse(bytes) {
+                Ok(frame) => (format!("frame: {}", frame_text(&frame)), false),
+                Err(refusal) => (format!("frame out of range ({refusal}): {}", hex(&bytes)), true),
+            };
+            self.tell(heard.at, heard.line, text, flaw);
+        }
+    }
+
+    fn cut_frame_short(&mut self) {
+        let Partial { line, bytes, last } = core::mem::take(&mut self.frame);
+        if !bytes.is_empty() {
+            self.tell(last, line, format!("frame cut short after {} of 8 bytes", bytes.len()), true);
+        }
+    }
+
+    fn hear_reply(&mut self, heard: &Heard) {
+        let Some(byte) = heard.character.ok() else { return };
+        for reply in self.replies.push(byte) {
+            let (text, flaw) = match reply {
+                Reply::Ack => ("ACK: the frame has been distributed".to_owned(), false),
+                Reply::Xoff => ("XOFF: a frame is held".to_owned(), false),
+                Reply::Xon => ("XON: all slaves are done".to_owned(), false),
+                Reply::Nak(refusal) => (format!("NAK: a frame is refused ({refusal})"), true),
+                Reply::Can(party, fault) => (format!("CAN: {} failed ({fault})", party.name()), true),
+                Reply::Unknown(byte) => (format!("{byte:02X} is no reply"), true),
+            };
+            match reply {
+                Reply::Xon => self.resumed = heard.at,
+                // The rest of what the PC says is thrown away until it has been silent.
+                Reply::Can(..) | Reply::Nak(Refusal::LineError) => {
+                    self.frame.bytes.clear();
+                    self.discarding = true;
+                }
+                _ => {}
+            }
+            self.tell(heard.at, heard.line, text, flaw);
+        }
+    }
+
+    fn hear_part(&mut self, heard: &Heard, slave: Slave) {
+        let length = part_length(slave);
+        let conversation = &self.slaves[slave as usize];
+        if heard.at.since(conversation.part.last) > PART_GAP {
+            self.end_part(slave);
+        }
+        let conversation = &mut self.slaves[slave as usize];
+        conversation.part.line = heard.line;
+        conversation.part.last = heard.at;
+        let Some(byte) = heard.character.ok() else {
+            conversation.part.bytes.clear();
+            return;
+        };
+        if byte == ENQ && (length == 1 || conversation.busy) {
+            self.tell(heard.at, heard.line, "ENQ: how is it going?".to_owned(), false);
+            return;
+        }
+        conversation.part.bytes.push(byte);
+        if conversation.part.bytes.len() == length {
+            let bytes = core::mem::take(&mut conversation.part.bytes);
+            (conversation.busy, conversation.given) = (true, true);
+            let (text, flaw) = part_text(slave, &bytes);
+            self.tell(heard.at, heard.line, text, flaw);
+        }
+    }
+
+    /// The slave's line has been silent: what has come of a part is all.
+    fn end_part(&mut self, slave: Slave) {
+        let Partial { line, bytes, last } = core::mem::take(&mut self.slaves[slave as usize].part);
+        match bytes[..] {
+            [] => {}
+            [ENQ] => self.tell(last, line, "ENQ: how is it going?".to_owned(), false),
+            _ => {
+                let (count, length) = (bytes.len(), part_length(slave));
+                self.tell(last, line, format!("part cut short after {count} of {length} bytes"), true);
+            }
+        }
+    }
+
+    fn hear_answer(&mut self, heard: &Heard, slave: Slave) {
+        if self.slaves[slave as usize].part.bytes == [ENQ] {
+            self.end_part(slave);
+        }
+        let conversation = &mut self.slaves[slave as usize];
+        let begun = conversation.awaiting.take();
+        let byte = heard.character.ok();
+        let (text, flaw) = match (begun, byte) {
+            (Some(ACK), Some(b)) if let Some(parity) = Parity::from_letter(b) => {
+                (format!("ACK: done ({parity})"), false)
+            }
+            (Some(CAN), Some(b)) if let Some(fault) = Fault::from_letter(b) => {
+                // Whoever has been given nothing has lost nothing.
+                (format!("CAN: failed ({fault})"), fault != Fault::Restarted || conversation.given)
+            }
+            _ => return self.begin_answer(heard, slave, begun),
+        };
+        conversation.busy = false;
+        self.tell(heard.at, heard.line, text, flaw);
+    }
+
+    /// What follows on an answer that is complete, or on one that has `begun` and is broken.
+    fn begin_answer(&mut self, heard: &Heard, slave: Slave, begun: Option<u8>) {
+        let no_answer = |byte: u8| (format!("{byte:02X} is no answer"), true);
+        if let Some(byte) = begun {
+            let (text, flaw) = no_answer(byte);
+            self.tell(heard.at, heard.line, text, flaw);
+        }
+        let conversation = &mut self.slaves[slave as usize];
+        let (text, flaw) = match heard.character.ok() {
+            None => return,
+            Some(byte @ (ACK | CAN)) => {
+                conversation.awaiting = Some(byte);
+                return;
+            }
+            Some(BEL) => {
+                conversation.busy = true;
+                ("BEL: busy".to_owned(), false)
+            }
+            Some(byte) => no_answer(byte),
+        };
+        self.tell(heard.at, heard.line, text, flaw);
+    }
+}
+
+impl Reader for Lines {
+    fn hear(&mut self, characters: &[Heard]) {
+        for heard in characters {
+            match self.roles[heard.line] {
+                Role::Frames => self.hear_pc(heard),
+                Role::Replies => self.hear_reply(heard),
+                Role::Parts(slave) => self.hear_part(heard, slave),
+                Role::Answers(slave) => self.hear_answer(heard, slave),
+                Role::Unknown => {}
+            }
+        }
+    }
+
+    fn take(&mut self) -> Vec<Message> {
+        let mut messages = core::mem::take(&mut self.messages);
+        messages.sort_by_key(|message| message.at);
+        messages
+    }
+
+    fn end(&mut self) {
+        self.cut_frame_short();
+        Slave::ALL.into_iter().for_each(|slave| self.end_part(slave));
+    }
+}
+
+const fn part_length(slave: Slave) -> usize {
+    match slave {
+        Slave::Spindle => SpindlePart::LENGTH,
+        Slave::Transverse => TransversePart::LENGTH,
+        Slave::Depth => DepthPart::LENGTH,
+    }
+}
+
+fn part_text(slave: Slave, bytes: &[u8]) -> (String, bool) {
+    let text = match (slave, bytes) {
+        (Slave::Spindle, [a]) => SpindlePart::parse([*a]).map(spindle_text),
+        (Slave::Transverse, [a, b, c, d]) => TransversePart::parse([*a, *b, *c, *d]).map(transverse_text),
+        (Slave::Depth, [a, b, c]) => DepthPart::parse([*a, *b, *c]).map(depth_text),
+        _ => Err(Refusal::CutShort),
+    };
+    match text {
+        Ok(text) => (format!("part: {text}"), false),
+        Err(refusal) => (format!("part out of range ({refusal}): {}", hex(bytes)), true),
+    }
+}
+
+fn frame_text(frame: &Frame) -> String {
+    format!("{}, {}, {}", spindle_text(frame.spindle), transverse_text(frame.transverse), depth_text(frame.depth))
+}
+
+fn spindle_text(part: SpindlePart) -> String {
+    format!("spindle {} rpm", part.rpm())
+}
+
+fn transverse_text(part: TransversePart) -> String {
+    match i64::from(part.distance()) * part.direction().sign() {
+        0 => "transverse stays".to_owned(),
+        counts => format!("transverse {counts:+} counts at {} per 30 ms", part.speed()),
+    }
+}
+
+fn depth_text(part: DepthPart) -> String {
+    match i64::from(part.distance()) * part.direction().sign() {
+        0 => "depth stays".to_owned(),
+        slots => format!("depth {slots:+} slots"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use torno_bus::Readers;
+    use torno_protocol::uart::Character;
+
+    use super::*;
+    use crate::testing::layout;
+
+    /// What is said by characters on lines, a character time apart; `None` is a silence of 60 ms.
+    fn said(characters: &[Option<(&str, u8)>]) -> Vec<String> {
+        let slaves = ["spindle", "transverse", "depth"];
+        let layout = layout("lathe", &[("pc", "master")], &slaves.map(|slave| ("master", slave)));
+        let mut at = Instant::START;
+        let mut heard = Vec::new();
+        for character in characters {
+            at += if character.is_some() { CHARACTER } else { Span::from_millis(60) };
+            if let Some((line, byte)) = character {
+                let line = layout.line(line).unwrap();
+                heard.push(Heard { at, line, character: Character::good(*byte) });
+            }
+        }
+        Readers::new(&layout, crate::dialect).messages(&heard).into_iter().map(|message| message.text).collect()
+    }
+
+    fn on<'a>(line: &'a str, bytes: &[u8]) -> Vec<Option<(&'a str, u8)>> {
+        bytes.iter().map(|byte| Some((line, *byte))).collect()
+    }
+
+    #[test]
+    fn silence_in_mid_frame_cuts_it_short_unless_the_pc_is_held() {
+        let part = on("pc_to_master", &[0x0a, 0xe1, 0x00]);
+        let rest = on("pc_to_master", &[0xe1, 0x01, 0x00, 0x01, 0x00]);
+        let frame = "frame: spindle 200 rpm, transverse -225 counts at 225 per 30 ms, depth +1 slots";
+        assert_eq!(said(&[&part[..], &rest].concat()), [frame]);
+        let cut = said(&[&part[..], &[None], &rest].concat());
+        assert_eq!(cut, ["frame cut short after 3 of 8 bytes", "frame cut short after 5 of 8 bytes"]);
+        let held = said(&[&part[..], &[None], &on("master_to_pc", &[0x11]), &rest].concat());
+        assert_eq!(held, ["XON: all slaves are done", frame]);
+    }
+
+    #[test]
+    fn a_part_may_begin_with_the_byte_of_an_enquiry() {
+        let line = "master_to_transverse";
+        let part = said(&[&on(line, &[ENQ, 0, 9, 1])[..], &[None], &on(line, &[ENQ])].concat());
+        assert_eq!(part, ["part: transverse -9 counts at 5 per 30 ms", "ENQ: how is it going?"]);
+        let idle = said(&[&on(line, &[ENQ])[..], &[None], &on(line, &[5, 0, 9, 0])].concat());
+        assert_eq!(idle, ["ENQ: how is it going?", "part: transverse +9 counts at 5 per 30 ms"]);
+        let answers = said(&on("transverse_to_master", &[BEL, CAN, b'e', ACK, b'e', ACK, b'x']));
+        let expected = ["BEL: busy", "CAN: failed (end of travel)", "ACK: done (even)", "06 is no answer"];
+        assert_eq!(answers, [&expected[..], &["78 is no answer"]].concat());
+    }
+
+    #[test]
+    fn what_comes_after_a_failure_is_no_frame_until_the_pc_has_been_silent() {
+        let frame = on("pc_to_master", &[0; 8]);
+        let failure = on("master_to_pc", b"\x18dn");
+        let said = said(&[&failure[..], &frame, &[None], &frame].concat());
+        assert_eq!(said, ["CAN: depth failed (no answer)", "frame: spindle 0 rpm, transverse stays, depth stays"]);
+    }
+}

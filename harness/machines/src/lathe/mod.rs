@@ -1,0 +1,16 @@
+//! The lathe: Peña & Martínez, *Sistema electrónico de control de un torno CNC didáctico* (2009).
+
+mod boards;
+mod dialect;
+
+use crate::Machine;
+
+/// The lathe, with four boards or with one.
+pub(crate) const MACHINE: Machine = Machine {
+    kinds: &boards::KINDS,
+    dialect: &dialect::Lathe,
+    rigs: &[
+        ("lathe", include_str!("../../../builtin/lathe.toml")),
+        ("lathe-dspic", include_str!("../../../builtin/lathe-dspic.toml")),
+    ],
+};

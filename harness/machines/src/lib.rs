@@ -1,0 +1,42 @@
+//! The machines. Each has a room of its own, which says what its boards are made of, what is said on its lines and what
+//! it makes; [`MACHINES`] names them all. Whatever runs rigs knows machines by this registry only.
+
+pub mod kinds;
+mod lathe;
+pub mod motor;
+mod servo;
+#[cfg(test)]
+mod testing;
+pub mod workpiece;
+
+use torno_bus::Dialect;
+
+use kinds::Kind;
+
+/// A machine.
+pub struct Machine {
+    /// The kinds of boards that it is made of.
+    kinds: &'static [Kind],
+    /// What is said on its lines.
+    dialect: &'static dyn Dialect,
+    /// The rigs that are built in: name and text.
+    rigs: &'static [(&'static str, &'static str)],
+}
+
+/// The machines that there are. The first rig of the first one is meant where none is named.
+const MACHINES: [&Machine; 2] = [&lathe::MACHINE, &servo::MACHINE];
+
+/// The dialect of that name.
+pub fn dialect(name: &str) -> Option<&'static dyn Dialect> {
+    MACHINES.iter().map(|machine| machine.dialect).find(|dialect| dialect.name() == name)
+}
+
+/// The names of all dialects.
+pub fn dialect_names() -> Vec<&'static str> {
+    MACHINES.iter().map(|machine| machine.dialect.name()).collect()
+}
+
+/// The rigs that are built in: name and text.
+pub fn rigs() -> impl Iterator<Item = (&'static str, &'static str)> {
+    MACHINES.iter().flat_map(|machine| machine.rigs).copied()
+}

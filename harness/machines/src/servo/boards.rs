@@ -1,0 +1,18 @@
+//! The kind of the stand's controller board.
+
+use torno_slaves::{Servo, ServoSettings};
+
+use crate::kinds::{Kind, boxed, read};
+
+/// The controller with its motor, its screw and its encoder. Its axis begins at the end of its travel: there is no room
+/// for a bench.
+pub(super) const SERVO: Kind = Kind {
+    name: "servo",
+    build: |settings, clock| Ok(boxed(Servo::new(&read(settings, ServoSettings::check)?, clock))),
+    motor: |settings, _| read(settings, ServoSettings::check).map(|_| None),
+    mm_per_count: |settings, quantity| {
+        let settings = read(settings, ServoSettings::check)?;
+        let counts = ["position_counts", "carriage_offset_counts"].contains(&quantity);
+        Ok(counts.then(|| 1.0 / settings.counts(1.0)))
+    },
+};

@@ -1,0 +1,13 @@
+//! The servo stand of a lab exercise.
+
+mod boards;
+mod dialect;
+
+use crate::Machine;
+
+/// The servo stand.
+pub(crate) const MACHINE: Machine = Machine {
+    kinds: &[boards::SERVO],
+    dialect: &dialect::Servo,
+    rigs: &[("servo", include_str!("../../../builtin/servo.toml"))],
+};

@@ -1,0 +1,196 @@
+//! The rig file's `[part]`: the bar, the nose, what is allowed, and which quantities of which boards move the tool.
+
+use serde::Deserialize;
+use toml::Spanned;
+use torno_part::{Limits, Nose, Place, Profile, Resolution};
+use torno_protocol::lathe::Program;
+
+use torno_bus::Names;
+use torno_engine::NodeId;
+use torno_text::Complaint;
+
+/// The part that a rig turns. (Ours: the lathe paper cuts nothing.)
+#[derive(Clone, Debug)]
+pub struct Part {
+    /// The bar's diameter, in mm: 1 to 1000.
+    pub diameter: f64,
+    /// The bar's length, in mm: 1 to 2000.
+    pub length: f64,
+    /// How far the bar stands out of the chuck, in mm: 1 to its length.
+    pub out: f64,
+    /// The tool's nose.
+    pub nose: Nose,
+    /// What is allowed.
+    pub limits: Limits,
+    /// The axis along the bar: from the bar's face, away from the chuck.
+    pub z: Axis,
+    /// The axis across it: from the bar's surface, away from its middle.
+    pub x: Axis,
+    /// The spindle's speed, in rpm.
+    pub spindle: Source,
+}
+
+/// An axis of the tool.
+#[derive(Clone, Debug)]
+pub struct Axis {
+    /// How far it has gone since the start, in mm.
+    pub way: Source,
+    /// Where the tool stands at the start, in mm.
+    pub start: f64,
+}
+
+/// Where a number comes from: the sum of some of a board's quantities, scaled.
+#[derive(Clone, Debug)]
+pub struct Source {
+    /// The board.
+    pub node: NodeId,
+    /// The quantities' numbers.
+    pub signals: Vec<u8>,
+    /// What one count is worth; below 0, if the board counts the other way.
+    pub per_count: f64,
+}
+
+/// The `[part]` table of a rig file, not checked yet.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RawPart {
+    diameter_mm: Spanned<f64>,
+    length_mm: Spanned<f64>,
+    out_mm: Spanned<f64>,
+    nose: Spanned<RawNose>,
+    rapid_mm_per_s: Spanned<f64>,
+    deepest_mm: Option<Spanned<f64>>,
+    chuck_mm: Option<Spanned<f64>>,
+    z: RawAxis,
+    x: RawAxis,
+    spindle: RawSpindle,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawNose {
+    radius_mm: f64,
+    lead_deg: f64,
+    trail_deg: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawAxis {
+    board: Spanned<String>,
+    quantities: Spanned<Vec<Spanned<String>>>,
+    mm_per_count: Option<Spanned<f64>>,
+    start_mm: Spanned<f64>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawSpindle {
+    board: Spanned<String>,
+    quantities: Spanned<Vec<Spanned<String>>>,
+    rpm_per_count: Spanned<f64>,
+}
+
+/// What one count of a board's quantity is worth, in mm, by the board's own screw and encoder.
+pub type Worth<'a> = &'a dyn Fn(NodeId, &str) -> Option<f64>;
+
+/// What a count of these quantities is worth, if they all count the board's carriage.
+fn by_the_board(node: NodeId, quantities: &[Spanned<String>], worth: Worth<'_>) -> Option<f64> {
+    let first = worth(node, quantities.first()?.get_ref())?;
+    quantities.iter().all(|name| worth(node, name.get_ref()) == Some(first)).then_some(first)
+}
+
+impl RawPart {
+    /// The part, on a rig with these names.
+    ///
+    /// # Errors
+    /// Where, and what was expected.
+    pub fn check(&self, names: &Names, worth: Worth<'_>) -> Result<Part, Complaint> {
+        let within = |name: &str, value: &Spanned<f64>, least: f64, most: f64| {
+            let found = *value.get_ref();
+            let fits = (least..=most).contains(&found);
+            let complaint = || (value.span(), format!("{name} = {found}: expected {least} to {most}"));
+            fits.then_some(found).ok_or_else(complaint)
+        };
+        let source = |board: &Spanned<String>,
+                      quantities: &Spanned<Vec<Spanned<String>>>,
+                      scale: (&str, Option<&Spanned<f64>>)| {
+            let node = names.board(board)?;
+            let signals =
+                quantities.get_ref().iter().map(|name| names.signal(node, name)).collect::<Result<Vec<_>, _>>()?;
+            if signals.is_empty() {
+                return Err((quantities.span(), format!("expected quantities of '{}', found none", board.get_ref())));
+            }
+            let per_count = match scale {
+                (name, Some(worth)) => {
+                    let per_count = within(name, worth, -1_000.0, 1_000.0)?;
+                    if per_count == 0.0 {
+                        return Err((worth.span(), format!("{name} = 0: expected what one count is worth")));
+                    }
+                    per_count
+                }
+                (name, None) => by_the_board(node, quantities.get_ref(), worth)
+                    .ok_or_else(|| (quantities.span(), format!("no board counts a carriage so: expected {name}")))?,
+            };
+            Ok(Source { node, signals, per_count })
+        };
+        let axis = |raw: &RawAxis| {
+            let way = source(&raw.board, &raw.quantities, ("mm_per_count", raw.mm_per_count.as_ref()))?;
+            Ok::<_, Complaint>(Axis { way, start: within("start_mm", &raw.start_mm, -2_000.0, 2_000.0)? })
+        };
+        let length = within("length_mm", &self.length_mm, 1.0, 2_000.0)?;
+        let RawNose { radius_mm, lead_deg, trail_deg } = *self.nose.get_ref();
+        let depth = self.deepest_mm.as_ref().map(|depth| within("deepest_mm", depth, 0.001, 1_000.0)).transpose()?;
+        let chuck = self.chuck_mm.as_ref().map(|chuck| within("chuck_mm", chuck, 1.0, 2_000.0)).transpose()?;
+        Ok(Part {
+            diameter: within("diameter_mm", &self.diameter_mm, 1.0, 1_000.0)?,
+            length,
+            out: within("out_mm", &self.out_mm, 1.0, length)?,
+            nose: Nose::new(radius_mm, lead_deg, trail_deg).map_err(|message| (self.nose.span(), message))?,
+            limits: Limits {
+                feed: within("rapid_mm_per_s", &self.rapid_mm_per_s, 0.001, 1_000.0)?,
+                depth,
+                chuck: chuck.map(|diameter| diameter / 2.0),
+            },
+            z: axis(&self.z)?,
+            x: axis(&self.x)?,
+            spindle: source(
+                &self.spindle.board,
+                &self.spindle.quantities,
+                ("rpm_per_count", Some(&self.spindle.rpm_per_count)),
+            )?,
+        })
+    }
+}
+
+impl Part {
+    /// The bar as it stands out of the chuck, uncut.
+    pub fn bar(&self) -> Profile {
+        Profile::bar(self.diameter, self.out)
+    }
+
+    /// Where the tool is when the axes have gone so many counts from the start.
+    pub fn place(&self, z: i64, x: i64) -> Place {
+        Place {
+            z: self.z.start + self.z.way.per_count * z as f64,
+            x: self.diameter / 2.0 + self.x.start + self.x.way.per_count * x as f64,
+        }
+    }
+
+    /// What a count is worth.
+    pub const fn resolution(&self) -> Resolution {
+        Resolution { z: self.z.way.per_count.abs(), x: self.x.way.per_count.abs() }
+    }
+
+    /// The part that a program asks for: the tool goes straight from where each frame begins to where it asks it to be.
+    pub fn asked(&self, program: &Program) -> Profile {
+        let mut profile = self.bar();
+        let mut from = self.place(0, 0);
+        for destination in program.destinations() {
+            let to = self.place(destination.transverse, destination.depth);
+            profile.cut(&self.nose, from, to);
+            from = to;
+        }
+        profile
+    }
+}
