@@ -371,6 +371,18 @@ mod tests {
     }
 
     #[test]
+    fn a_reply_that_a_restart_cut_short_tells_nothing() {
+        for begun in [ACK, CAN] {
+            let mut slave = busy();
+            assert_eq!(slave.byte(ms(0), begun), Report::Nothing);
+            assert_eq!(slave.handle_timeout(ms(1_000)), Due::Enquiry, "it is still waited for");
+            assert_eq!([CAN, b'r'].map(|byte| slave.byte(ms(1_005), byte))[1], Report::Failed(Fault::Restarted));
+            slave.start(ms(2_000));
+            assert_eq!(say(&mut slave, ODD), Report::Done);
+        }
+    }
+
+    #[test]
     fn after_a_fault_the_slave_has_the_count() {
         let mut slave = busy();
         assert_eq!(say(&mut slave, [CAN, b's']), Report::Failed(Fault::Stalled));

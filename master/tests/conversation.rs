@@ -464,6 +464,21 @@ fn an_idle_slave_that_has_taken_nothing_has_missed_its_part() {
     assert_eq!(bench.replies(), [CAN, b't', b'g', XON]);
 }
 
+#[test]
+fn a_slave_that_restarts_in_the_middle_of_its_reply_is_asked_and_has_failed() {
+    let mut bench = Bench::new();
+    bench.send(0, &FRAME);
+    bench.run(ms(10));
+    [1, 3].into_iter().for_each(|port| bench.done(port));
+    bench.send(2, &[ACK]);
+    assert_eq!(bench.replies(), [ACK]);
+    bench.received(2);
+    bench.run(ms(1_000));
+    assert_eq!(bench.received(2), [ENQ]);
+    bench.send(2, &STARTED);
+    assert_eq!(bench.replies(), [CAN, b't', b'r', XON]);
+}
+
 fn anything() -> impl Strategy<Value = Vec<(usize, Vec<u8>, u64)>> {
     let bytes = prop_oneof![
         prop::collection::vec(any::<u8>(), 1..12),

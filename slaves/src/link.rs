@@ -406,6 +406,23 @@ mod tests {
     }
 
     #[test]
+    fn a_restart_between_an_acknowledgement_and_its_parity_leaves_it_cut_short() {
+        for power in [false, true] {
+            let mut heard = Heard::<1>::new();
+            heard.byte(0, ENQ);
+            assert_eq!(heard.link.poll_character(Instant::START).map(|loaded| loaded.byte), Some(ACK));
+            if power {
+                heard.link.power(Clock::TRUE)
+            } else {
+                heard.link.reset()
+            }
+            assert_eq!(heard.sent(), []);
+            heard.byte(2_000, ENQ);
+            assert_eq!(heard.sent(), [CAN, b'r']);
+        }
+    }
+
+    #[test]
     fn one_that_has_started_anew_takes_nothing_before_it_has_said_so() {
         let bad = Character { framing_error: true, ..Character::good(1) };
         for power in [false, true] {

@@ -215,6 +215,37 @@ proptest! {
     }
 }
 
+/// A restart falls between an `ACK` and its parity: the reply is cut short, and the board is not harmed.
+#[test]
+fn a_spindle_obeys_after_a_reset_cut_its_acknowledgement_short() {
+    let acts = vec![Act::Bytes(vec![0, 0, 0]), Act::Hang(19), Act::Bytes(vec![ENQ]), Act::Reset];
+    obeys(Spindle::new(&SpindleSettings::default(), Clock::TRUE), acts, &[75]).unwrap();
+}
+
+#[test]
+fn a_spindle_obeys_after_a_loss_of_power_cut_its_answer_short() {
+    let wait = [Act::Wait(0), Act::Wait(2_123)];
+    let cut = [Act::Bytes(vec![ENQ]), Act::Wrong(Stimulus::Power(false))];
+    let acts = [Act::Bytes(vec![10])].into_iter().chain(wait).chain(cut).collect();
+    obeys(Spindle::new(&SpindleSettings::default(), Clock::TRUE), acts, &[75]).unwrap();
+}
+
+#[test]
+fn a_spindle_with_a_fast_clock_obeys_after_a_loss_of_power_cut_its_acknowledgement_short() {
+    let acts = vec![
+        Act::Wait(10),
+        Act::Hang(855),
+        Act::Bytes(vec![0, 0, 0]),
+        Act::Wait(516),
+        Act::Wait(4_346),
+        Act::Wait(3_136),
+        Act::Bytes(vec![0, 0, 0]),
+        Act::Wrong(Stimulus::Power(false)),
+    ];
+    let clock = Clock::from_ppb(7_177_360).unwrap();
+    obeys(Spindle::new(&SpindleSettings::default(), clock), acts, &[75]).unwrap();
+}
+
 /// Bytes one after the other, the first from `ms` milliseconds on.
 fn edges(ms: u64, bytes: &[u8]) -> Vec<Heard> {
     let mut transmitter = Transmitter::hardware(Rate::hz(9_600), Clock::TRUE);

@@ -17,6 +17,8 @@
 //!   that nothing has been executed.
 //! - A slave that has started anew takes no part before it has said so: its count is 0 again, and what it was to hold
 //!   is lost. It answers `CAN r` when asked; both count from 0 then.
+//! - A restart or a loss of supply in the middle of a slave's reply leaves an `ACK` or a `CAN` without its letter. It
+//!   tells nothing, and the master asks when the next enquiry is due.
 //! - After any other fault, and while a slave does not answer, the master has no count; a fault stands until a part is
 //!   taken, so that none can be missed unnoticed. It takes over the parity that it hears next.
 //! - From its start on the master asks all slaves, and holds what the PC sends, until it knows what they are at and

@@ -7,7 +7,7 @@ pub(crate) mod response;
 
 use torno_protocol::board::{Board, Input, Output, Stimulus, event_text};
 use torno_protocol::clock::Clock;
-use torno_protocol::lathe::{ACK, CAN, CHARACTER, ENQ, Parity, RATE};
+use torno_protocol::lathe::{ACK, BEL, CAN, CHARACTER, ENQ, Fault, Parity, RATE};
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::{Character, Receiver};
 use torno_slaves::{Depth, DepthSettings, Spindle, SpindleSettings, Transverse, TransverseSettings};
@@ -75,7 +75,19 @@ impl<B: Board> Bench<B> {
     }
 
     pub(crate) fn stimulus(&mut self, stimulus: Stimulus) {
+        self.cut_short(&stimulus);
         self.hear(Input::Stimulus(stimulus));
+    }
+
+    /// A restart forgets what the board was about to send, so a reply that it has begun stays without its letter.
+    fn cut_short(&mut self, stimulus: &Stimulus) {
+        match stimulus {
+            Stimulus::Reset => {}
+            // The line goes idle: the character on it is lost too.
+            Stimulus::Power(_) => self.sent.retain(|(at, _)| *at <= self.now),
+            _ => return,
+        }
+        self.sent.pop_if(|(_, byte)| matches!(*byte, ACK | CAN));
     }
 
     /// Delivers bytes at the speed of the line, the first one character from now.
@@ -99,14 +111,16 @@ impl<B: Board> Bench<B> {
         }
     }
 
-    /// The bytes sent since the last call, without the parities after `ACK`.
+    /// The bytes sent since the last call, without the parities after `ACK`. Each must be part of a whole reply.
     pub(crate) fn replies(&mut self) -> Vec<u8> {
         let mut replies = Vec::new();
         let mut sent = self.sent.drain(..).map(|(_, byte)| byte);
         while let Some(byte) = sent.next() {
             replies.push(byte);
-            if byte == ACK {
-                assert!(sent.next().is_some_and(|letter| Parity::from_letter(letter).is_some()));
+            match byte {
+                ACK => assert!(sent.next().is_some_and(|letter| Parity::from_letter(letter).is_some())),
+                CAN => replies.push(sent.next().filter(|letter| Fault::from_letter(*letter).is_some()).unwrap()),
+                _ => assert_eq!(byte, BEL),
             }
         }
         replies
