@@ -298,3 +298,68 @@ pub fn event_text(text: &str, value: i64) -> String {
     let character = u8::try_from(value).unwrap_or(b'?');
     text.replace("{}", &value.to_string()).replace("{c}", &char::from(character).to_string())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_happens_to_one_of_several_motors_is_what_happens_to_the_only_one() {
+        let of_a_motor = [
+            (Stimulus::Stall(true), OfMotor::Stall(true)),
+            (Stimulus::Counts(-3), OfMotor::Counts(-3)),
+            (Stimulus::Load(4), OfMotor::Load(4)),
+            (Stimulus::Supply(5), OfMotor::Supply(5)),
+            (Stimulus::Backlash(6), OfMotor::Backlash(6)),
+            (Stimulus::EndStop(-7), OfMotor::EndStop(-7)),
+            (Stimulus::Drive(8), OfMotor::Drive(8)),
+        ];
+        for (stimulus, what) in of_a_motor {
+            assert_eq!(stimulus.clone().of(2), Stimulus::Of(2, what));
+            assert_eq!(Stimulus::from(what), stimulus);
+        }
+        for other in [Stimulus::Reset, Stimulus::Power(false), Stimulus::Of(1, OfMotor::Load(9))] {
+            assert_eq!(other.clone().of(2), other);
+        }
+    }
+
+    #[test]
+    fn an_events_text_shows_its_value_as_a_number_and_as_a_character() {
+        let texts = [("done", 7), ("{} of {}", -12), ("refused ({c})", 115), ("{c}", 256)];
+        let texts = texts.map(|(text, value)| event_text(text, value));
+        assert_eq!(texts, ["done", "-12 of -12", "refused (s)", "?"]);
+    }
+
+    /// A board that says no more than it must.
+    #[derive(Clone)]
+    struct Plain(Option<Deadline>);
+
+    impl Board for Plain {
+        fn description(&self) -> Description {
+            Description::default()
+        }
+
+        fn receivers(&self) -> Vec<Receiver> {
+            Vec::new()
+        }
+
+        fn handle_input(&mut self, _: Instant, _: Input) {}
+
+        fn handle_timeout(&mut self, _: Instant) {}
+
+        fn poll_output(&mut self) -> Option<Output> {
+            None
+        }
+
+        fn poll_timeout(&self) -> Option<Deadline> {
+            self.0
+        }
+    }
+
+    #[test]
+    fn by_default_a_board_is_mute_without_a_deadline_and_waits_for_no_silence() {
+        let waiting = Plain(Some(Deadline { at: Instant::START, why: "test" }));
+        assert_eq!((Plain(None).mute(), waiting.mute()), (true, false));
+        assert_eq!((Plain(None).silence(), waiting.silence()), (None, None));
+    }
+}

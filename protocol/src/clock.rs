@@ -153,6 +153,45 @@ mod tests {
     }
 
     #[test]
+    fn an_error_of_a_fifth_is_the_largest() {
+        for ppb in [-200_000_000, -1, 0, 7, 200_000_000] {
+            assert_eq!(Clock::from_ppb(ppb).map(Clock::error_ppb), Some(ppb));
+        }
+        assert_eq!([-200_000_001, 200_000_001, i32::MIN].map(Clock::from_ppb), [None; 3]);
+    }
+
+    #[test]
+    fn no_rate_is_zero() {
+        let second = |rate| Ticks::new(Instant::START, rate, Clock::TRUE).span(1);
+        assert_eq!(second(Rate::hz(0)), Span::from_secs(1));
+        assert_eq!(second(Rate::fraction(0, 3)), Span::from_secs(3));
+        assert_eq!(second(Rate::fraction(4, 0)), Span::from_millis(250));
+        assert_eq!(second(Rate::fraction(4, 3)), Span::from_millis(750));
+        assert_eq!(second(Rate::hz(5).times(2)), Span::from_millis(100));
+    }
+
+    #[test]
+    fn ticks_can_be_counted_from_another_origin() {
+        let ticks = Ticks::new(Instant::from_nanos(7), Rate::hz(1_000), Clock::TRUE);
+        assert_eq!(ticks.at(2).as_nanos(), 2_000_007);
+        assert_eq!(ticks.from(Instant::from_nanos(50)).at(2).as_nanos(), 2_000_050);
+    }
+
+    #[test]
+    fn of_several_ticks_in_a_nanosecond_the_first_is_found() {
+        let ticks = Ticks::new(Instant::START, Rate::hz(4_000_000_000), Clock::TRUE);
+        // Tick 2 lies at half a nanosecond, which is rounded up.
+        assert_eq!([0, 1, 2].map(|ns| ticks.first_from(Instant::from_nanos(ns))), [0, 2, 6]);
+    }
+
+    #[test]
+    fn a_tick_that_is_far_away_is_found_at_once() {
+        let ticks = Ticks::new(Instant::START, Rate::hz(9600), Clock::TRUE);
+        let year = Instant::START + Span::from_secs(365 * 86_400);
+        assert_eq!(ticks.first_from(year), 9600 * 365 * 86_400);
+    }
+
+    #[test]
     fn ten_bits_at_9600_baud_take_1041667_ns() {
         let bits = Ticks::new(Instant::START, Rate::hz(9600), Clock::TRUE);
         assert_eq!(bits.span(1).as_nanos(), 104_167);
@@ -181,6 +220,22 @@ mod tests {
             let exact = u128::from(n) * GIGA / u128::from(hz);
             let got = u128::from(ticks.span(n).as_nanos());
             prop_assert!(got == exact || got == exact + 1);
+        }
+
+        /// Also where the numbers are beyond 64 bits.
+        #[test]
+        fn a_tick_is_at_the_nearest_nanosecond(
+            n in 0..1_000_000_000u64,
+            per in 1..2_000_000u64,
+            seconds in 1..1_000u64,
+            ppb in -200_000_000..200_000_000i32,
+        ) {
+            let ticks = Ticks::new(Instant::START, Rate::fraction(per, seconds), Clock::from_ppb(ppb).unwrap());
+            let divisor = u128::from(per) * (GIGA as i128 + i128::from(ppb)) as u128;
+            let exact = u128::from(n) * GIGA * GIGA * u128::from(seconds);
+            let rest = exact % divisor;
+            let expected = exact / divisor + u128::from(2 * rest >= divisor);
+            prop_assert_eq!(u128::from(ticks.span(n).as_nanos()), expected.min(u128::from(u64::MAX)));
         }
     }
 }

@@ -154,6 +154,32 @@ mod tests {
         );
         assert_eq!(line.steady(at(11), at(20)), Some(Level::Low));
         assert_eq!([(10, 11), (11, 21)].map(|(first, last)| line.steady(at(first), at(last))), [None, None]);
+        assert_eq!([10, 20].map(|t| line.steady(at(t), at(t))), [Some(Level::High), Some(Level::Low)]);
+    }
+
+    #[test]
+    fn edges_are_found_from_their_instant_on_and_by_their_sense() {
+        let line = pulse();
+        assert_eq!([0, 10, 11].map(|t| line.falling_from(at(t))), [Some(at(10)), Some(at(10)), None]);
+        assert_eq!([0, 20, 21].map(|t| line.rising_from(at(t))), [Some(at(20)), Some(at(20)), None]);
+        assert_eq!((line.last_at(), line.last_level()), (Some(at(20)), Level::High));
+        assert_eq!((Waveform::idle().last_at(), Waveform::default().last_level()), (None, Level::High));
+    }
+
+    #[test]
+    fn an_edge_before_the_last_one_is_left_out() {
+        let mut line = pulse();
+        line.push(Edge { at: at(15), level: Level::Low });
+        assert_eq!(line, pulse());
+    }
+
+    #[test]
+    fn two_edges_at_one_instant_are_none() {
+        let mut line = pulse();
+        line.push(Edge { at: at(20), level: Level::Low });
+        assert_eq!((line.len(), line.last_level()), (1, Level::Low));
+        line.push(Edge { at: at(21), level: Level::High });
+        assert_eq!(line.rising_from(at(0)), Some(at(21)));
     }
 
     #[test]
@@ -183,8 +209,12 @@ mod tests {
     #[test]
     fn forgetting_keeps_the_level() {
         let mut line = pulse();
+        line.forget_before(at(5));
+        line.forget_before(at(10));
+        assert_eq!(line, pulse());
         line.forget_before(at(15));
         assert_eq!(line.level_at(at(15)), Level::Low);
         assert_eq!(line.level_at(at(20)), Level::High);
+        assert_eq!(line.len(), 1);
     }
 }

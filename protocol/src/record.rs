@@ -294,6 +294,81 @@ mod tests {
         }
     }
 
+    fn noisy(port: u8, edges: usize) -> Heard {
+        let edge = |n: u64| Edge { at: Instant::from_nanos(n), level: Level::Low };
+        Heard::Edges { port, edges: (0..edges as u64).map(edge).collect() }
+    }
+
+    #[test]
+    fn parts_are_as_heavy_as_they_may_be_and_no_heavier() {
+        let parts = |weights: &[usize]| {
+            let (mut parts, last) = parted(weights.to_vec(), |weight| *weight);
+            parts.push(last);
+            parts
+        };
+        const MAX: usize = WEIGHT_MAX;
+        for (weights, expected) in [
+            (vec![], vec![vec![]]),
+            (vec![1, 2, 3], vec![vec![1, 2, 3]]),
+            (vec![MAX - 1, 1], vec![vec![MAX - 1, 1]]),
+            (vec![MAX, 1], vec![vec![MAX], vec![1]]),
+            (vec![1, MAX, 2, MAX - 2, 1], vec![vec![1], vec![MAX], vec![2, MAX - 2], vec![1]]),
+            // One that is too heavy goes alone.
+            (vec![MAX + 1], vec![vec![MAX + 1]]),
+            (vec![5, MAX + 1, 5], vec![vec![5], vec![MAX + 1], vec![5]]),
+        ] {
+            assert_eq!(parts(&weights), expected);
+        }
+    }
+
+    #[test]
+    fn edges_have_a_weight_and_so_has_what_they_are_in() {
+        // Five times 100 000 edges would just fit.
+        let heard = vec![noisy(0, 100_000); 5];
+        let records = Turn { heard, ..Turn::default() }.into_records().map(|record| match record {
+            ToBoard::Heard(heard) => heard.len(),
+            ToBoard::Turn(turn) => turn.heard.len(),
+            ToBoard::Setup(_) => 0,
+        });
+        assert_eq!(records.collect::<Vec<_>>(), [4, 1]);
+        let Heard::Edges { edges, .. } = noisy(0, 100_000) else { panic!() };
+        let output = Output::Character { port: 0, edges, end: Instant::START };
+        let outputs = vec![Timed { at: Instant::START, output }; 5];
+        let records = Batch { outputs, ..Batch::default() }.into_records().map(|record| match record {
+            FromBoard::Told(told) => told.len(),
+            FromBoard::Batch(batch) => batch.outputs.len(),
+            FromBoard::Ready { .. } | FromBoard::Broken(_) => 0,
+        });
+        assert_eq!(records.collect::<Vec<_>>(), [4, 1]);
+    }
+
+    #[test]
+    fn a_record_goes_behind_what_is_in_the_buffer() {
+        let mut buffer = BytesMut::new();
+        let broken = |why: &str| FromBoard::Broken(why.to_owned());
+        for why in ["first", "second"] {
+            encode(&broken(why), &mut buffer).unwrap();
+        }
+        assert_eq!(decode(&mut buffer), Ok(Some(broken("first"))));
+        assert_eq!(decode(&mut buffer), Ok(Some(broken("second"))));
+        assert_eq!(decode::<FromBoard>(&mut buffer), Ok(None));
+    }
+
+    #[test]
+    fn the_longest_record_is_written_and_read() {
+        // Four bytes are the length of the text itself.
+        let text = |length: usize| "x".repeat(length - 4);
+        let mut buffer = BytesMut::new();
+        encode(&text(LENGTH_MAX), &mut buffer).unwrap();
+        assert_eq!(buffer.len(), 4 + LENGTH_MAX);
+        assert!(decode::<String>(&mut buffer).is_ok_and(|read| read.is_some_and(|read| read.len() == LENGTH_MAX - 4)));
+        assert_eq!(encode(&text(LENGTH_MAX + 1), &mut buffer), Err(RecordError::TooLong(LENGTH_MAX + 1)));
+        let prefix = |length: u32| BytesMut::from(&length.to_le_bytes()[..]);
+        assert_eq!(decode::<ToBoard>(&mut prefix(16 << 20)), Ok(None));
+        let more = (16 << 20) + 1;
+        assert_eq!(decode::<ToBoard>(&mut prefix(more)), Err(RecordError::TooLong(more as usize)));
+    }
+
     #[test]
     fn noise_without_end_goes_in_several_records() {
         let edge = |n: u64| Edge { at: Instant::from_nanos(u64::MAX - n), level: Level::Low };

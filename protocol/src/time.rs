@@ -153,7 +153,38 @@ mod tests {
     }
 
     #[test]
+    fn units_are_powers_of_a_thousand() {
+        let spans = [Span::from_nanos(3), Span::from_micros(3), Span::from_millis(3), Span::from_secs(3)];
+        assert_eq!(spans.map(Span::as_nanos), [3, 3_000, 3_000_000, 3_000_000_000]);
+        assert_eq!(Span::from_micros(2_500_000).as_secs_f64(), 2.5);
+        assert_eq!(Instant::from_nanos(2_500_000_000).as_secs_f64(), 2.5);
+    }
+
+    #[test]
+    fn sums_and_differences() {
+        let five = Instant::from_nanos(5);
+        assert_eq!(five.since(Instant::from_nanos(2)), Span::from_nanos(3));
+        assert_eq!(five.since(Instant::from_nanos(7)), Span::ZERO);
+        assert_eq!(five - Span::from_nanos(2), Instant::from_nanos(3));
+        assert_eq!((five.next(), Instant::NEVER.next()), (Instant::from_nanos(6), Instant::NEVER));
+        assert_eq!(Span::from_nanos(3) + Span::from_nanos(4), Span::from_nanos(7));
+        assert_eq!(Span::from_nanos(3).times(4), Span::from_nanos(12));
+        let mut now = five;
+        now += Span::from_nanos(4);
+        assert_eq!(now, Instant::from_nanos(9));
+        assert!(!five.is_never());
+    }
+
+    #[test]
     fn prints_seconds_and_microseconds() {
         assert_eq!(Instant::from_nanos(12_034_567_891).to_string(), "12.034567s");
+        assert_eq!(Instant::NEVER.to_string(), "never");
+    }
+
+    #[test]
+    fn a_span_is_printed_in_the_largest_unit_that_it_fills() {
+        let texts = [0, 7, 999, 1_000, 50_000, 1_000_000, 200_000_000, 1_000_000_000, 1_500_000_000];
+        let texts = texts.map(|ns| Span::from_nanos(ns).to_string());
+        assert_eq!(texts, ["0 ns", "7 ns", "999 ns", "1 us", "50 us", "1 ms", "200 ms", "1 s", "1.5 s"]);
     }
 }

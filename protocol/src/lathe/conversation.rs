@@ -130,6 +130,64 @@ mod tests {
     }
 
     #[test]
+    fn each_reply_changes_what_the_pc_may_do() {
+        let failed = Reply::Can(Slave::Depth.into(), Fault::NoAnswer);
+        let nak = Reply::Nak(Refusal::Speed);
+        for (sent, replies, unanswered, may_send, over) in [
+            (0, &[][..], 0, true, true),
+            (1, &[], 1, false, false),
+            (2, &[], 2, false, false),
+            (1, &[Reply::Unknown(7)], 1, false, false),
+            (1, &[Reply::Ack], 0, true, false),
+            (1, &[Reply::Ack, Reply::Xon], 0, true, true),
+            (1, &[nak], 0, true, true),
+            (3, &[nak, Reply::Ack], 1, false, false),
+            (2, &[Reply::Ack, Reply::Xoff], 1, false, false),
+            (1, &[Reply::Ack, Reply::Xoff], 0, false, false),
+            (2, &[Reply::Ack, Reply::Xoff, failed], 0, false, false),
+            (3, &[Reply::Ack, Reply::Xoff, failed], 0, false, false),
+            (1, &[Reply::Xoff, Reply::Xon], 1, false, false),
+            // More answers than frames.
+            (1, &[Reply::Ack, Reply::Ack], 0, true, false),
+        ] {
+            let conversation = after(sent, replies);
+            let found = (conversation.unanswered(), conversation.may_send(), conversation.is_over());
+            assert_eq!(found, (unanswered, may_send, over), "{sent} {replies:?}");
+        }
+    }
+
+    #[test]
+    fn how_a_program_ended() {
+        let done = [Reply::Ack, Reply::Xon];
+        let failed = [Reply::Ack, Reply::Can(Slave::Depth.into(), Fault::Stalled), Reply::Xon];
+        let nak = [Reply::Nak(Refusal::Speed)];
+        for (sent, replies, frames, expected, name) in [
+            (0, &[][..], 0, Outcome::Completed, "completed"),
+            (1, &done, 1, Outcome::Completed, "completed"),
+            (1, &done, 2, Outcome::Unanswered, "unanswered"),
+            (1, &done[..1], 1, Outcome::Unanswered, "unanswered"),
+            (1, &[], 1, Outcome::Unanswered, "unanswered"),
+            (1, &nak, 1, Outcome::Rejected, "rejected"),
+            (2, &[&nak[..], &done].concat(), 2, Outcome::Rejected, "rejected"),
+            (1, &failed, 1, Outcome::Faulted, "faulted"),
+            (2, &[&failed[..], &nak].concat(), 2, Outcome::Faulted, "faulted"),
+        ] {
+            let outcome = after(sent, replies).outcome(frames);
+            assert_eq!((outcome, outcome.name()), (expected, name), "{sent} {replies:?}");
+        }
+    }
+
+    #[test]
+    fn failures_and_refusals_are_kept_in_order() {
+        let nak = [Refusal::Speed, Refusal::Direction].map(Reply::Nak);
+        let can = [(Slave::Depth, Fault::Stalled), (Slave::Spindle, Fault::NoAnswer)];
+        let told = can.map(|(slave, fault)| Reply::Can(slave.into(), fault));
+        let conversation = after(2, &[nak, told].concat());
+        assert_eq!(conversation.refusals, [Refusal::Speed, Refusal::Direction]);
+        assert_eq!(conversation.failures, can.map(|(slave, fault)| (Party::from(slave), fault)));
+    }
+
+    #[test]
     fn the_next_frame_waits_for_the_answer_to_the_last() {
         assert!(!after(1, &[]).may_send());
         assert!(after(1, &[Reply::Ack]).may_send());

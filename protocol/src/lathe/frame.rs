@@ -309,9 +309,85 @@ mod tests {
         }
     }
 
+    #[test]
+    fn refusals_have_these_letters_and_words() {
+        let expected = [
+            (Refusal::Direction, b'd', "direction"),
+            (Refusal::Speed, b's', "speed"),
+            (Refusal::CutShort, b'c', "cut short"),
+            (Refusal::Overrun, b'o', "overrun"),
+            (Refusal::LineError, b'l', "line error"),
+            (Refusal::Faulted, b'f', "faulted"),
+        ];
+        let found = Refusal::ALL.map(|refusal| (refusal, refusal.letter(), refusal.to_string()));
+        assert_eq!(found, expected.map(|(refusal, letter, word)| (refusal, letter, word.to_owned())));
+        assert_eq!([b'x', 0, b'D'].map(Refusal::from_letter), [None; 3]);
+    }
+
+    #[test]
+    fn a_direction_is_a_code_and_a_sign() {
+        for (direction, code, sign) in [(Direction::Positive, 0, 1), (Direction::Negative, 1, -1)] {
+            assert_eq!((direction.code(), direction.sign()), (code, sign));
+            assert_eq!(Direction::parse(code), Ok(direction));
+        }
+        assert_eq!([2, 3, 0x80, 0xff].map(Direction::parse), [Err(Refusal::Direction); 4]);
+    }
+
+    #[test]
+    fn each_part_goes_over_its_own_wire_byte_by_byte() {
+        for units in [0, 10, 75, 200] {
+            let part = SpindlePart::parse([units]).unwrap();
+            assert_eq!((part.emit(), part.units(), part.rpm()), ([units], units, 20 * u16::from(units)));
+        }
+        for (bytes, speed, distance, direction) in [
+            ([0, 0, 0, 0], 0, 0, Direction::Positive),
+            ([0, 0, 0, 1], 0, 0, Direction::Negative),
+            ([1, 0x01, 0x02, 0], 1, 0x0102, Direction::Positive),
+            ([225, 0xff, 0xfe, 1], 225, 0xfffe, Direction::Negative),
+        ] {
+            let part = TransversePart::parse(bytes).unwrap();
+            assert_eq!((part.speed(), part.distance(), part.direction()), (speed, distance, direction));
+            assert_eq!(part.emit(), bytes);
+        }
+        for (bytes, distance, direction) in [
+            ([0, 0, 0], 0, Direction::Positive),
+            ([0x01, 0x02, 1], 0x0102, Direction::Negative),
+            ([0xff, 0xfe, 0], 0xfffe, Direction::Positive),
+        ] {
+            let part = DepthPart::parse(bytes).unwrap();
+            assert_eq!((part.distance(), part.direction()), (distance, direction));
+            assert_eq!(part.emit(), bytes);
+        }
+    }
+
+    #[test]
+    fn a_part_out_of_range_is_refused() {
+        assert_eq!([1, 9, 201, 255].map(|units| SpindlePart::parse([units])), [Err(Refusal::Speed); 4]);
+        for bytes in [[226, 0, 1, 0], [0, 0, 1, 0], [0, 1, 0, 0], [255, 0, 0, 9]] {
+            assert_eq!(TransversePart::parse(bytes), Err(Refusal::Speed), "{bytes:?}");
+        }
+        assert_eq!(TransversePart::parse([1, 0, 1, 2]), Err(Refusal::Direction));
+        assert_eq!(DepthPart::parse([0, 1, 2]), Err(Refusal::Direction));
+    }
+
+    /// The bytes of frames that may be executed.
+    fn valid() -> impl Strategy<Value = [u8; LENGTH]> {
+        let spindle = prop_oneof![Just(0u8), 10..=200u8];
+        let transverse = (1..=225u8, any::<[u8; 2]>(), 0..2u8);
+        let depth = (any::<[u8; 2]>(), 0..2u8);
+        (spindle, transverse, depth).prop_map(|(units, (speed, [high, low], way), ([depth_high, depth_low], out))| {
+            [units, speed, high, low, way, depth_high, depth_low, out]
+        })
+    }
+
     proptest! {
         #[test]
-        fn what_is_parsed_is_emitted(bytes: [u8; LENGTH]) {
+        fn what_is_parsed_is_emitted(bytes in valid()) {
+            prop_assert_eq!(Frame::parse(bytes).map(|frame| frame.emit()), Ok(bytes));
+        }
+
+        #[test]
+        fn any_bytes_are_parsed_or_refused(bytes: [u8; LENGTH]) {
             if let Ok(frame) = Frame::parse(bytes) {
                 prop_assert_eq!(frame.emit(), bytes);
             }

@@ -72,3 +72,13 @@ pub const CAN: u8 = 0x18;
 pub const ENQ: u8 = 0x05;
 /// Slave to master: busy.
 pub const BEL: u8 = 0x07;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_character_takes_ten_bit_times_at_9600_baud() {
+        assert_eq!(CHARACTER.as_nanos(), 1_041_666);
+    }
+}

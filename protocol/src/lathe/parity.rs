@@ -60,5 +60,12 @@ mod tests {
             assert_eq!(Parity::from_letter(parity.letter()), Some(parity));
             assert_eq!(parity.next().next(), parity);
         }
+        assert_eq!(
+            (Parity::default(), Parity::Even.next(), Parity::Odd.next()),
+            (Parity::Even, Parity::Odd, Parity::Even)
+        );
+        assert_eq!([Parity::Even, Parity::Odd].map(Parity::letter), [b'e', b'o']);
+        assert_eq!([b'E', b'd', 0].map(Parity::from_letter), [None; 3]);
+        assert_eq!([Parity::Even, Parity::Odd].map(|parity| parity.to_string()), ["even", "odd"]);
     }
 }

@@ -125,11 +125,21 @@ mod tests {
     }
 
     #[test]
+    fn the_bytes_are_those_of_the_frames_in_order() {
+        let program = Program::parse("00 01 02 03 04 05 06 07\nff fe FD fc fb fa f9 f8").unwrap();
+        let bytes = [0, 1, 2, 3, 4, 5, 6, 7, 0xff, 0xfe, 0xfd, 0xfc, 0xfb, 0xfa, 0xf9, 0xf8];
+        assert_eq!((program.frames.len(), program.bytes()), (2, bytes.to_vec()));
+    }
+
+    #[test]
     fn says_where_and_what() {
         let error = |text| Program::parse(text).unwrap_err().to_string();
         assert_eq!(error("\n00 01 02\n"), "line 2: expected 8 bytes, found 3");
         assert_eq!(error("00 é +1"), "line 1, column 4: expected a byte as two hexadecimal digits, found 'é'");
         assert!(error("# nothing").starts_with("expected at least one frame"));
+        assert_eq!(error("  00 0").as_str(), "line 1, column 6: expected a byte as two hexadecimal digits, found '0'");
+        assert_eq!(error("\n\n +1"), "line 3, column 2: expected a byte as two hexadecimal digits, found '+1'");
+        assert_eq!(error("000"), "line 1, column 1: expected a byte as two hexadecimal digits, found '000'");
     }
 
     proptest! {

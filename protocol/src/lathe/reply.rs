@@ -250,12 +250,48 @@ mod tests {
     }
 
     #[test]
-    fn is_said_in_words() {
-        assert_eq!(
-            Reply::Can(Slave::Transverse.into(), Fault::EndOfTravel).to_string(),
-            "CAN transverse end of travel"
-        );
-        assert_eq!(Reply::Nak(Refusal::CutShort).to_string(), "NAK cut short");
+    fn parties_and_faults_have_these_letters_and_names() {
+        let parties = Slave::ALL.map(Party::from).into_iter().chain([Party::Master]);
+        let parties: Vec<_> = parties.map(|party| (party.letter(), party.name())).collect();
+        assert_eq!(parties, [(b's', "spindle"), (b't', "transverse"), (b'd', "depth"), (b'm', "master")]);
+        assert_eq!(Slave::ALL.map(|slave| (slave.letter(), slave.name())), parties[..3]);
+        for slave in Slave::ALL {
+            assert_eq!(Party::from_letter(slave.letter()), Some(Party::Slave(slave)));
+        }
+        assert_eq!(Party::from_letter(b'm'), Some(Party::Master));
+        assert_eq!(Party::from_letter(b'x'), None);
+        let faults = Fault::ALL.map(|fault| (fault.letter(), fault.to_string()));
+        let words = ["no answer", "stalled", "end of travel", "garbled", "restarted"].map(str::to_owned);
+        assert_eq!(faults.clone().map(|(_, word)| word), words);
+        assert_eq!(faults.map(|(letter, _)| letter), *b"nsegr");
+        assert_eq!(Fault::ALL.map(|fault| Fault::from_letter(fault.letter())), Fault::ALL.map(Some));
+        assert_eq!(Fault::from_letter(b'x'), None);
+    }
+
+    #[test]
+    fn each_reply_has_bytes_words_and_a_code() {
+        let stop = Reply::Can(Slave::Transverse.into(), Fault::EndOfTravel);
+        for (reply, bytes, words, code) in [
+            (Reply::Ack, &[0x06][..], "ACK", "ACK"),
+            (Reply::Xoff, &[0x13], "XOFF", "XOFF"),
+            (Reply::Xon, &[0x11], "XON", "XON"),
+            (Reply::Nak(Refusal::CutShort), &[0x15, b'c'], "NAK cut short", "NAK c"),
+            (stop, &[0x18, b't', b'e'], "CAN transverse end of travel", "CAN t e"),
+            (Reply::Can(Party::Master, Fault::Restarted), &[0x18, b'm', b'r'], "CAN master restarted", "CAN m r"),
+            (Reply::Unknown(0x0a), &[0x0a], "?0a", "?0A"),
+        ] {
+            assert_eq!((&reply.emit()[..], reply.to_string(), reply.code()), (bytes, words.into(), code.into()));
+            assert_eq!(decoded(bytes), [reply]);
+        }
+    }
+
+    #[test]
+    fn a_letter_that_stands_for_nothing_breaks_the_reply() {
+        let unknown = |bytes: &[u8]| bytes.iter().map(|byte| Reply::Unknown(*byte)).collect::<Vec<_>>();
+        for bytes in [&[NAK, b'x'][..], &[CAN, b'x'], &[CAN, b's', b'x'], b"e"] {
+            assert_eq!(decoded(bytes), unknown(bytes));
+        }
+        assert_eq!(decoded(&[CAN, CAN, b'd', b'n'])[1], Reply::Can(Slave::Depth.into(), Fault::NoAnswer));
     }
 
     proptest! {

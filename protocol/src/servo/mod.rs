@@ -74,3 +74,13 @@ pub const PAUSE: Span = CHARACTER.times(3);
 pub const PRESENT: u8 = b'c';
 /// Increments of the longest program: what two bytes can tell, 327 s.
 pub const INCREMENTS_MAX: usize = u16::MAX as usize;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_character_takes_ten_bit_times_at_9600_baud() {
+        assert_eq!((CHARACTER.as_nanos(), PAUSE.as_nanos()), (1_041_666, 3_124_998));
+    }
+}

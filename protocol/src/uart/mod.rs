@@ -89,3 +89,21 @@ impl TickTimer {
         Receiver::software(self.ticks, self.per_bit, Self::latency(n))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_character_with_either_error_has_no_byte() {
+        let good = Character { byte: 0x41, framing_error: false, overrun: false };
+        assert_eq!((Character::good(0x41), good.ok()), (good, Some(0x41)));
+        assert_eq!(Character { framing_error: true, ..good }.ok(), None);
+        assert_eq!(Character { overrun: true, ..good }.ok(), None);
+    }
+
+    #[test]
+    fn each_link_is_served_a_little_later_than_the_one_before() {
+        assert_eq!([0, 1, 2].map(|n| TickTimer::latency(n).as_nanos()), [3_000, 7_000, 11_000]);
+    }
+}
