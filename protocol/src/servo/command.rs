@@ -296,6 +296,83 @@ mod tests {
         assert_eq!(decoder.push(at + GAP, Character::good(b'R')), Some(Ok(Command::Run)));
     }
 
+    #[test]
+    fn each_command_has_bytes_and_words() {
+        for (command, bytes, words) in [
+            (Command::Link, &b"C"[..], "is somebody there?"),
+            (Command::SetKx(7), b"X\x07", "Kx is 7"),
+            (Command::GetKx, b"x", "what is Kx?"),
+            (Command::SetKv(200), b"V\xc8", "Kv is 200"),
+            (Command::GetKv, b"v", "what is Kv?"),
+            (Command::Download(vec![3, -5]), b"D\x02\x00\x03\xfb", "a program of 2 increments, -2 counts"),
+            (Command::Run, b"R", "run"),
+            (Command::Stop, b"S", "stop"),
+            (Command::Home, b"H", "here is 0"),
+        ] {
+            assert_eq!((&command.emit()[..], command.to_string()), (bytes, words.to_owned()));
+            assert_eq!(heard(&said(bytes)), [Ok(command)]);
+        }
+        let long = Command::Download(vec![1; INCREMENTS_MAX + 1]).emit();
+        assert_eq!((long.len(), &long[..3]), (3 + INCREMENTS_MAX, &b"D\xff\xff"[..]));
+    }
+
+    #[test]
+    fn each_flaw_has_words() {
+        let flaws = [
+            (Flaw::Unknown(0x0a), "0A begins no command"),
+            (Flaw::CutShort(true), "a download is cut short"),
+            (Flaw::CutShort(false), "a command is cut short"),
+            (Flaw::Overlong, "a download goes on behind its end"),
+            (Flaw::LineError(true), "line error in a download"),
+            (Flaw::LineError(false), "line error"),
+        ];
+        flaws.iter().for_each(|(flaw, words)| assert_eq!(flaw.to_string(), *words));
+    }
+
+    #[test]
+    fn silences_count_from_the_last_character_and_last_as_long_as_they_must() {
+        let at = Instant::from_nanos(1_000_000_000);
+        let nanosecond = Span::from_nanos(1);
+        for (bytes, silence, told) in [
+            (&b"X"[..], GAP, Err(Flaw::CutShort(false))),
+            (b"D\x01", GAP, Err(Flaw::CutShort(true))),
+            (b"D\x01\x00\x05", PAUSE, Ok(Command::Download(vec![5]))),
+        ] {
+            let mut decoder = CommandDecoder::new(Clock::TRUE);
+            assert_eq!((decoder.poll_timeout(), decoder.handle_timeout(at)), (None, None));
+            bytes.iter().for_each(|byte| assert_eq!(decoder.push(at, Character::good(*byte)), None));
+            assert_eq!(decoder.poll_timeout(), Some(at + silence));
+            assert_eq!(decoder.handle_timeout(at + silence - nanosecond), None);
+            assert_eq!(decoder.handle_timeout(at + silence), Some(told));
+            assert_eq!((decoder.poll_timeout(), decoder.handle_timeout(at + GAP)), (None, None));
+        }
+    }
+
+    #[test]
+    fn another_clock_measures_other_silences() {
+        let mut decoder = CommandDecoder::new(Clock::TRUE);
+        decoder.retune(Clock::from_ppb(-200_000_000).unwrap());
+        decoder.push(Instant::START, Character::good(b'X'));
+        assert_eq!(decoder.poll_timeout(), Some(Instant::from_nanos(62_500_000)));
+        decoder.push(Instant::START, Character::good(20));
+        b"D\x00\x00".iter().for_each(|byte| _ = decoder.push(Instant::START, Character::good(*byte)));
+        assert_eq!(decoder.poll_timeout(), Some(Instant::from_nanos(3_906_247)));
+    }
+
+    #[test]
+    fn a_line_error_in_a_download_drops_all_of_it_up_to_a_silence() {
+        let mut decoder = CommandDecoder::new(Clock::TRUE);
+        b"D\x02\x00".iter().for_each(|byte| assert_eq!(decoder.push(Instant::START, Character::good(*byte)), None));
+        let bad = Character { overrun: true, ..Character::good(1) };
+        assert_eq!(decoder.push(Instant::START, bad), Some(Err(Flaw::LineError(true))));
+        assert_eq!(decoder.push(Instant::START, Character::good(b'C')), None);
+        assert_eq!(
+            (decoder.poll_timeout(), decoder.handle_timeout(Instant::START + GAP)),
+            (Some(Instant::START + GAP), None)
+        );
+        assert_eq!(decoder.push(Instant::START + GAP, Character::good(b'C')), Some(Ok(Command::Link)));
+    }
+
     proptest! {
         #[test]
         fn what_is_emitted_is_heard(increments in prop::collection::vec(any::<i8>(), 0..600), gain: u8) {

@@ -446,6 +446,92 @@ mod tests {
         assert_eq!(receiver.lookahead(), nominal);
     }
 
+    #[test]
+    fn it_is_buffered_if_it_is_hardware() {
+        let timer = TickTimer::new(BAUD, Clock::TRUE);
+        assert!(Receiver::hardware(BAUD, Clock::TRUE).is_buffered() && !timer.receiver(0).is_buffered());
+    }
+
+    #[test]
+    fn a_software_character_is_handed_over_at_the_sample_of_its_stop_bit() {
+        let timer = TickTimer::new(BAUD, Clock::TRUE);
+        for n in 0..3 {
+            let mut receiver = timer.receiver(n);
+            receiver.hear(&edges(&[0x5a], &mut Transmitter::hardware(BAUD, Clock::TRUE), Instant::START)[0]);
+            // Tick 0 sees the start bit, if the latency lets it; tick 28 is the second of the stop bit's three.
+            let at = receiver.poll_timeout().unwrap();
+            assert_eq!(at.as_nanos(), 28 * 1_000_000_000 / 28_800 + 3_000 + 4_000 * u64::from(n));
+            assert_eq!(receiver.take(at - Span::from_nanos(1)), None);
+            assert_eq!(receiver.take(at), Some(Character::good(0x5a)));
+            assert_eq!((receiver.take(at), receiver.poll_timeout()), (None, None));
+        }
+    }
+
+    #[test]
+    fn two_readings_of_three_decide() {
+        let tick = |n: u64| 1_000_000_000 * n / (16 * 9600);
+        // Low over so many of the ticks 7, 8 and 9 of the first data bit, which otherwise is high.
+        for (from, to, expected) in [(7, 7, 0xff), (9, 9, 0xff), (7, 8, 0xfe), (8, 9, 0xfe), (7, 9, 0xfe)] {
+            let mut receiver = Receiver::hardware(BAUD, Clock::TRUE);
+            let mut sent = edges(&[0xff], &mut Transmitter::hardware(BAUD, Clock::TRUE), Instant::START).remove(0);
+            sent.push(Edge { at: Instant::from_nanos(tick(16 + from) - 100), level: Level::Low });
+            sent.push(Edge { at: Instant::from_nanos(tick(16 + to) + 100), level: Level::High });
+            receiver.hear(&sent);
+            assert_eq!(received(&mut receiver), good(&[expected]), "{from} to {to}");
+        }
+    }
+
+    #[test]
+    fn an_ear_that_has_heard_nothing_waits_for_a_whole_character() {
+        let receiver = Receiver::hardware(BAUD, Clock::TRUE);
+        let least = 153 * 1_000_000_000 / (16 * 9600);
+        assert_eq!(receiver.lookahead().as_nanos(), least);
+        assert_eq!(receiver.ear().effect(Instant::from_nanos(1_000)).as_nanos(), 1_000 + least);
+    }
+
+    #[test]
+    fn within_a_character_an_edge_matters_at_its_end_and_behind_it_a_character_later() {
+        let mut receiver = Receiver::hardware(BAUD, Clock::TRUE);
+        receiver.hear(&edges(&[0x0f], &mut Transmitter::hardware(BAUD, Clock::TRUE), Instant::START)[0]);
+        let delivery = receiver.poll_timeout().unwrap();
+        for taken in [false, true] {
+            let effect = |at| receiver.ear().effect(at);
+            assert_eq!(effect(delivery - Span::from_nanos(1)), delivery, "{taken}");
+            assert_eq!(effect(delivery), delivery + receiver.lookahead(), "{taken}");
+            // One before the character's start begins another that is complete earlier.
+            assert_eq!(effect(Instant::START), Instant::START + receiver.lookahead(), "{taken}");
+            receiver.take(delivery);
+        }
+    }
+
+    #[test]
+    fn the_same_ticks_again_change_nothing() {
+        let mut receiver = Receiver::hardware(BAUD, Clock::TRUE);
+        receiver.retune(&Receiver::hardware(BAUD, Clock::TRUE), Instant::from_nanos(5));
+        assert!(receiver.older.is_empty());
+    }
+
+    #[test]
+    fn a_start_edge_at_the_instant_of_a_retuning_is_followed_up_by_the_new_ticks() {
+        let fast = clock(100_000_000);
+        let now = Instant::from_nanos(3_000_000);
+        for (before, ticks) in [(true, Clock::TRUE), (false, fast)] {
+            let start = if before { now - Span::from_nanos(1) } else { now };
+            for retunes_first in [true, false] {
+                let mut receiver = Receiver::hardware(BAUD, Clock::TRUE);
+                let sent = edges(&[0x3c], &mut Transmitter::hardware(BAUD, ticks), start).concat();
+                if !retunes_first {
+                    receiver.hear(&sent);
+                }
+                receiver.retune(&Receiver::hardware(BAUD, fast), now);
+                if retunes_first {
+                    receiver.hear(&sent);
+                }
+                assert_eq!(received(&mut receiver), good(&[0x3c]), "{before} {retunes_first}");
+            }
+        }
+    }
+
     fn pairs() -> impl Strategy<Value = (Transmitter, Receiver)> {
         // Three samples a bit leave (0.5 - 1/3) / 9.5 = 1.75 % on the early side and more on the late: together 1.5 %.
         let ppb = -7_500_000..7_500_000i32;

@@ -153,6 +153,51 @@ mod tests {
     }
 
     #[test]
+    fn every_byte_has_the_levels_of_its_bits_least_significant_first() {
+        for byte in 0..=u8::MAX {
+            let mut uart = Transmitter::hardware(Rate::hz(1_000_000), Clock::TRUE);
+            let loaded = load(&mut uart, byte, 0);
+            let mut line = crate::line::Waveform::idle();
+            loaded.edges.iter().for_each(|edge| line.push(*edge));
+            let bits = (0..10).map(|n| line.level_at(Instant::from_nanos(1_000 * n + 500)) == Level::High);
+            let expected = [false].into_iter().chain((0..8).map(|n| byte & (1 << n) != 0)).chain([true]);
+            assert!(bits.eq(expected), "{byte:02x}");
+            assert_eq!((loaded.byte, loaded.end), (byte, Instant::from_nanos(10_000)));
+        }
+    }
+
+    #[test]
+    fn it_is_idle_when_nothing_is_queued_and_nothing_on_the_line() {
+        let mut uart = Transmitter::hardware(Rate::hz(9600), Clock::TRUE);
+        assert_eq!((uart.poll_timeout(), uart.free_at(), uart.is_idle(Instant::START)), (None, Instant::START, true));
+        uart.push(1);
+        assert_eq!((uart.poll_timeout(), uart.is_idle(Instant::START)), (Some(Instant::START), false));
+        let end = uart.load(Instant::START).unwrap().end;
+        assert_eq!((uart.poll_timeout(), uart.free_at()), (None, end));
+        assert_eq!([end - Span::from_nanos(1), end].map(|now| uart.is_idle(now)), [false, true]);
+        assert_eq!(uart.load(end), None, "nothing is queued");
+    }
+
+    #[test]
+    fn what_is_queued_is_sent_in_order_and_can_be_forgotten() {
+        let mut uart = Transmitter::hardware(Rate::hz(9600), Clock::TRUE);
+        [1, 2, 3].into_iter().for_each(|byte| uart.push(byte));
+        let first = uart.load(Instant::START).unwrap();
+        assert_eq!((first.byte, uart.load(first.end).map(|second| second.byte)), (1, Some(2)));
+        uart.clear();
+        assert_eq!(uart.poll_timeout(), None);
+    }
+
+    #[test]
+    fn another_speed_holds_from_the_next_character_on() {
+        let mut uart = Transmitter::hardware(Rate::hz(1_000), Clock::TRUE);
+        assert_eq!(load(&mut uart, 0, 0).end.as_nanos(), 10_000_000);
+        uart.retune(Rate::hz(2_000), Clock::TRUE);
+        assert_eq!(uart.free_at().as_nanos(), 10_000_000);
+        assert_eq!(load(&mut uart, 0, 10_000_000).end.as_nanos(), 15_000_000);
+    }
+
+    #[test]
     fn software_links_start_on_the_same_tick_one_after_the_other() {
         let timer = TickTimer::new(Rate::hz(9600), Clock::TRUE);
         let starts = [0, 1, 2].map(|n| load(&mut timer.transmitter(n), 0x55, 30_000).edges[0].at.as_nanos());
