@@ -178,6 +178,68 @@ mod tests {
     }
 
     #[test]
+    fn the_silence_counts_from_the_last_character_in_the_boards_own_time() {
+        // The silence and a character, counted from the end of one to the end of the next.
+        let silence = |clock: Clock| clock.span(FRAME_GAP + CHARACTER);
+        let slow = Clock::from_ppb(-100_000_000).unwrap();
+        let mut assembly = Assembly::new(Clock::TRUE);
+        assert_eq!(assembly.poll_timeout(), None);
+        send(&mut assembly, ms(7), &FRAME[..1]);
+        assert_eq!(assembly.poll_timeout(), Some(ms(7) + silence(Clock::TRUE)));
+        assembly.retune(slow);
+        assert_eq!(assembly.poll_timeout(), Some(ms(7) + silence(Clock::TRUE)), "one that is set stays");
+        send(&mut assembly, ms(9), &FRAME[1..2]);
+        assert_eq!(assembly.poll_timeout(), Some(ms(9) + silence(slow)));
+        // While characters are thrown away each of them sets it anew, and so does the decision to throw away.
+        assembly.abandon(ms(11));
+        assert_eq!(assembly.poll_timeout(), Some(ms(11) + silence(slow)));
+        send(&mut assembly, ms(15), &FRAME[..1]);
+        assert_eq!(assembly.poll_timeout(), Some(ms(15) + silence(slow)));
+        assert_eq!((assembly.handle_silence(), assembly.poll_timeout()), (None, None));
+    }
+
+    #[test]
+    fn a_part_waits_if_it_comes_within_three_characters_of_the_xoff() {
+        for (after, waits) in [(CHARACTER.times(3), true), (CHARACTER.times(3) + Span::from_nanos(1), false)] {
+            let mut assembly = Assembly::new(Clock::TRUE);
+            assembly.stop(ms(10));
+            assembly.character(ms(10) + after, Character::good(1));
+            assert_eq!(assembly.poll_timeout().is_none(), waits);
+            let goes_on = ms(200);
+            assembly.go_on(goes_on);
+            assert_eq!(assembly.poll_timeout(), Some(goes_on + FRAME_GAP + CHARACTER));
+        }
+    }
+
+    #[test]
+    fn an_xon_without_a_part_sets_no_silence() {
+        let mut assembly = Assembly::new(Clock::TRUE);
+        assembly.stop(ms(10));
+        assembly.go_on(ms(20));
+        assert_eq!(assembly.poll_timeout(), None);
+        send(&mut assembly, ms(30), &FRAME[..3]);
+        let deadline = assembly.poll_timeout();
+        assembly.go_on(ms(40));
+        assert_eq!(assembly.poll_timeout(), deadline, "it has not been stopped again");
+    }
+
+    #[test]
+    fn a_pc_that_is_about_to_be_held_or_is_stopped_must_be_silent_after_the_xon() {
+        for (holding, stopped, deadline) in
+            [(false, false, true), (true, false, false), (false, true, false), (true, true, false)]
+        {
+            let mut assembly = Assembly::new(Clock::TRUE);
+            assembly.hold(holding);
+            if stopped {
+                assembly.stop(ms(1));
+            }
+            assembly.abandon(ms(5));
+            let expected = deadline.then(|| ms(5) + FRAME_GAP + CHARACTER);
+            assert_eq!(assembly.poll_timeout(), expected, "{holding} {stopped}");
+        }
+    }
+
+    #[test]
     fn a_longer_silence_cuts_the_frame_short() {
         let mut assembly = Assembly::new(Clock::TRUE);
         send(&mut assembly, ms(0), &FRAME[..7]);

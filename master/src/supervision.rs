@@ -396,6 +396,81 @@ mod tests {
     }
 
     #[test]
+    fn what_a_slave_says_means_something_else_in_each_state() {
+        let unknown = || {
+            let mut slave = Supervision::new(PATIENCE, ms(0));
+            slave.handle_timeout(ms(0));
+            slave
+        };
+        use Report::{Back, Done, Failed, Nothing, OutOfPlace, Started};
+        let fails = |fault| [Failed(fault), Failed(fault), Failed(fault), Back];
+        // Answered so by one of which nothing is known, an idle one, a busy one, and one that was lost.
+        for (reply, expected) in [
+            ([CAN, b'r'], [Started, Nothing, Failed(Fault::Restarted), Back]),
+            ([CAN, b'g'], [Failed(Fault::Garbled), Nothing, Failed(Fault::Garbled), Back]),
+            ([CAN, b's'], fails(Fault::Stalled)),
+            ([CAN, b'e'], fails(Fault::EndOfTravel)),
+            ([CAN, b'n'], fails(Fault::NoAnswer)),
+            (EVEN, [Done, Nothing, Nothing, Back]),
+            (ODD, [Done, Nothing, Done, Back]),
+        ] {
+            let slaves = [unknown(), idle(), busy(), lost()];
+            let doubts = reply == EVEN;
+            for (mut slave, expected) in slaves.into_iter().zip(expected) {
+                let was_busy_and_doubts = doubts && slave.is_busy() && !slave.is_unknown();
+                assert_eq!(say(&mut slave, reply), expected, "{reply:?}");
+                assert_eq!((slave.is_busy(), slave.is_unknown(), slave.is_lost()), (was_busy_and_doubts, false, false));
+                assert_eq!(slave.poll_timeout().is_some(), was_busy_and_doubts);
+            }
+        }
+        let bel = [unknown(), idle(), busy(), lost()].map(|mut slave| {
+            let report = slave.byte(ms(1_005), BEL);
+            (report, slave.is_busy(), slave.is_unknown(), slave.is_lost())
+        });
+        let still_busy = |report| (report, true, false, false);
+        let idle = (OutOfPlace, false, false, false);
+        assert_eq!(bel, [still_busy(Nothing), idle, still_busy(Nothing), still_busy(Back)]);
+    }
+
+    #[test]
+    fn enquiries_follow_a_period_and_answers_a_limit_of_their_own() {
+        let mut slave = busy();
+        assert_eq!((slave.poll_timeout(), slave.handle_timeout(ms(1_003))), (Some(ms(1_000)), Due::Enquiry));
+        assert_eq!(slave.poll_timeout(), Some(ms(1_023)), "an answer is due 20 ms after the enquiry");
+        assert_eq!(slave.handle_timeout(ms(1_023)), Due::Enquiry);
+        slave.byte(ms(1_030), BEL);
+        assert_eq!(slave.poll_timeout(), Some(ms(2_003)), "and the next enquiry a second after the first");
+        let quick = Patience { period: Span::from_millis(100), answer: Span::from_millis(8), enquiries: 2 };
+        slave.retune(quick);
+        assert_eq!(slave.poll_timeout(), Some(ms(2_003)));
+        assert_eq!(slave.handle_timeout(ms(2_003)), Due::Enquiry);
+        assert_eq!(slave.poll_timeout(), Some(ms(2_011)));
+        assert_eq!(slave.handle_timeout(ms(2_011)), Due::Enquiry);
+        assert_eq!((slave.handle_timeout(ms(2_019)), slave.poll_timeout()), (Due::Lost, None));
+        slave.byte(ms(2_500), BEL);
+        assert_eq!(slave.poll_timeout(), Some(ms(2_600)));
+    }
+
+    #[test]
+    fn another_failure_is_told_although_one_has_been() {
+        let mut slave = busy();
+        assert_eq!(say(&mut slave, [CAN, b's']), Report::Failed(Fault::Stalled));
+        assert_eq!(say(&mut slave, [CAN, b'e']), Report::Failed(Fault::EndOfTravel));
+        assert_eq!(say(&mut slave, [CAN, b'e']), Report::Nothing);
+    }
+
+    #[test]
+    fn a_parity_that_did_not_fit_is_no_doubt_about_the_next_part() {
+        let mut slave = busy();
+        assert_eq!(say(&mut slave, EVEN), Report::Nothing);
+        assert_eq!(say(&mut slave, EVEN), Report::Failed(Fault::Garbled));
+        slave.start(ms(2_000));
+        assert_eq!(say(&mut slave, EVEN), Report::Nothing, "one answer alone is none");
+        slave.start(ms(3_000));
+        assert_eq!(say(&mut slave, ODD), Report::Nothing);
+    }
+
+    #[test]
     fn one_that_is_busy_at_the_masters_start_is_waited_for() {
         let mut slave = Supervision::new(PATIENCE, ms(2));
         assert_eq!((slave.is_busy(), slave.is_unknown(), slave.poll_timeout()), (true, true, Some(ms(2))));

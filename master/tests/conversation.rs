@@ -4,7 +4,7 @@
 
 use proptest::prelude::*;
 use torno_master::{Master, MasterSettings};
-use torno_protocol::board::{Output, Stimulus};
+use torno_protocol::board::{Board, Heeds, Output, Stimulus, Wait, event_text};
 use torno_protocol::clock::{Clock, Rate};
 use torno_protocol::lathe::{ACK, BEL, CAN, CHARACTER, ENQ, NAK, RATE, Slave, XOFF, XON};
 use torno_protocol::record::Heard;
@@ -25,6 +25,8 @@ struct Bench {
     now: Instant,
     transmitters: Vec<Transmitter>,
     receivers: Vec<Receiver>,
+    /// Telemetry and events.
+    outputs: Vec<Output>,
     /// How many parts each slave has executed.
     parts: [u64; 3],
 }
@@ -49,7 +51,7 @@ impl Bench {
         transmitters[0] = Transmitter::hardware(baud, Clock::TRUE);
         let receivers = vec![Receiver::hardware(RATE, Clock::TRUE); 4];
         let now = Instant::from_nanos(1_000_000);
-        Self { cell: Cell::new(master), now, transmitters, receivers, parts: [0; 3] }
+        Self { cell: Cell::new(master), now, transmitters, receivers, outputs: Vec::new(), parts: [0; 3] }
     }
 
     /// The master, just started, asks all slaves; these answer so.
@@ -73,11 +75,11 @@ impl Bench {
     }
 
     fn run_to(&mut self, until: Instant) {
-        let receivers = &mut self.receivers;
-        self.cell.run(until, |_, output| {
-            if let Output::Character { port, edges, .. } = output {
-                receivers[usize::from(port)].hear(&edges);
-            }
+        let Self { receivers, outputs, .. } = self;
+        self.cell.run(until, |_, output| match output {
+            Output::Character { port, edges, .. } => receivers[usize::from(port)].hear(&edges),
+            Output::Cut { .. } => {}
+            Output::Telemetry { .. } | Output::Event { .. } => outputs.push(output),
         });
         self.now = until;
     }
@@ -104,6 +106,17 @@ impl Bench {
     fn replies(&mut self) -> Vec<u8> {
         self.run(Span::from_millis(5));
         self.received(0)
+    }
+
+    /// The telemetry and the events since the last call, in words.
+    fn told(&mut self) -> Vec<String> {
+        let description = self.cell.board().description();
+        let word = |output| match output {
+            Output::Telemetry { signal, value } => format!("{}={value}", description.signals[usize::from(signal)].name),
+            Output::Event { event, value } => event_text(&description.events[usize::from(event)], value),
+            Output::Character { .. } | Output::Cut { .. } => String::new(),
+        };
+        self.outputs.drain(..).map(word).collect()
     }
 
     /// A slave reports one part more.
@@ -477,6 +490,185 @@ fn a_slave_that_restarts_in_the_middle_of_its_reply_is_asked_and_has_failed() {
     assert_eq!(bench.received(2), [ENQ]);
     bench.send(2, &STARTED);
     assert_eq!(bench.replies(), [CAN, b't', b'r', XON]);
+}
+
+#[test]
+fn telemetry_and_events_tell_of_a_frame_and_of_each_slave() {
+    let mut bench = Bench::new();
+    bench.told();
+    bench.send(0, &FRAME);
+    bench.run(ms(10));
+    assert_eq!(bench.told(), ["slaves_busy=7", "frame 1 distributed", "frames_distributed=1"]);
+    bench.send(0, &FRAME);
+    bench.run(ms(1));
+    assert_eq!(bench.told(), ["frame held: slaves are busy", "frame_held=1"]);
+    for (port, busy) in [(2, 5), (1, 4)] {
+        bench.done(port);
+        assert_eq!(bench.told(), [format!("slaves_busy={busy}")]);
+    }
+    bench.done(3);
+    bench.run(ms(20));
+    let expected = ["slaves_busy=0", "all slaves done", "frame_held=0", "slaves_busy=7", "frame 2 distributed"];
+    assert_eq!(bench.told(), [&expected[..], &["frames_distributed=2"]].concat());
+    for (port, busy) in [(3, 3), (2, 1), (1, 0)] {
+        bench.done(port);
+        assert_eq!(bench.told()[0], format!("slaves_busy={busy}"));
+    }
+}
+
+#[test]
+fn each_refusal_is_an_event() {
+    let mut bench = Bench::new();
+    bench.told();
+    let refused = |reason: &str| vec![format!("frame refused: {reason}")];
+    for (frame, reason) in [([1, 0, 0, 0, 0, 0, 0, 0], "speed"), ([0, 0, 0, 0, 2, 0, 0, 0], "direction")] {
+        bench.send(0, &frame);
+        assert_eq!(bench.told(), refused(reason));
+    }
+    bench.send(0, &FRAME[..4]);
+    bench.run(ms(60));
+    assert_eq!(bench.told(), refused("cut short"));
+    bench.transmitters[0] = Transmitter::hardware(Rate::hz(4800), Clock::TRUE);
+    bench.send(0, &[0x41]);
+    bench.transmitters[0] = Transmitter::hardware(RATE, Clock::TRUE);
+    bench.run(ms(100));
+    let told = bench.told();
+    assert_eq!(told[..2], ["framing error on the line from the PC", "frame refused: line error"]);
+    bench.send(0, &FRAME);
+    bench.run(ms(10));
+    [FRAME, FRAME].iter().for_each(|frame| bench.send(0, frame));
+    assert_eq!(bench.told().last(), refused("overrun").last());
+    (1..=3).for_each(|port| bench.send(port, &[CAN, b's']));
+    bench.told();
+    bench.send(0, &FRAME);
+    assert_eq!(bench.told(), refused("faulted"));
+}
+
+#[test]
+fn a_pc_whose_characters_nobody_fetched_has_overrun() {
+    let mut bench = Bench::new();
+    bench.told();
+    bench.stimulate(0, Stimulus::Hang(true));
+    bench.stimulate(20, Stimulus::Hang(false));
+    bench.send(0, &FRAME[..4]);
+    bench.run(ms(30));
+    let overrun = "overrun on the line from the PC";
+    assert_eq!(bench.told(), [overrun, "frame refused: line error", overrun]);
+    assert_eq!(bench.replies(), [NAK, b'l']);
+}
+
+#[test]
+fn each_slave_fails_in_its_own_name() {
+    for (port, letter) in [(1, 's'), (2, 't'), (3, 'd')] {
+        for (fault, word) in
+            [(b's', "stalled"), (b'e', "end of travel"), (b'g', "sub-frame garbled"), (b'r', "restarted")]
+        {
+            let mut bench = Bench::new();
+            bench.send(0, &FRAME);
+            bench.run(ms(10));
+            bench.told();
+            bench.send(port, &[CAN, fault]);
+            let busy = 7 & !(1 << (port - 1));
+            assert_eq!(bench.told(), [format!("slaves_busy={busy}"), format!("slave '{letter}' reports: {word}")]);
+            assert_eq!(bench.replies(), [ACK, CAN, letter as u8, fault]);
+        }
+    }
+}
+
+#[test]
+fn a_lost_slave_and_one_that_is_back_are_events() {
+    for (port, letter) in [(1, 's'), (2, 't'), (3, 'd')] {
+        let mut bench = Bench::new();
+        bench.send(0, &FRAME);
+        (1..=3).filter(|other| *other != port).for_each(|other| bench.done(other));
+        bench.told();
+        bench.run(ms(1_100));
+        let busy = "slaves_busy=0".to_owned();
+        assert_eq!(bench.told(), [busy, format!("slave '{letter}' does not answer"), "all slaves done".to_owned()]);
+        assert_eq!(bench.replies(), [ACK, CAN, letter as u8, b'n', XON]);
+        bench.send(port, &[BEL]);
+        let busy = 1 << (port - 1);
+        assert_eq!(bench.told(), [format!("slave '{letter}' answers again"), format!("slaves_busy={busy}")]);
+    }
+}
+
+#[test]
+fn what_makes_no_sense_on_a_slaves_line_is_an_event() {
+    for (port, letter) in [(1, 's'), (2, 't'), (3, 'd')] {
+        let mut bench = Bench::new();
+        bench.told();
+        bench.send(port, b"x");
+        assert_eq!(bench.told(), [format!("a byte from slave '{letter}' makes no sense")]);
+        bench.transmitters[port] = Transmitter::hardware(Rate::hz(4800), Clock::TRUE);
+        bench.send(port, &[0x41]);
+        bench.run(ms(5));
+        assert_eq!(bench.told()[0], format!("line error from slave '{letter}'"));
+    }
+}
+
+#[test]
+fn a_restart_puts_the_telemetry_back() {
+    let mut bench = Bench::new();
+    bench.send(0, &FRAME);
+    bench.send(0, &FRAME);
+    bench.told();
+    bench.stimulate(0, Stimulus::Reset);
+    bench.run(ms(1));
+    assert_eq!(bench.told(), ["reset", "frames_distributed=0", "frame_held=0", "slaves_busy=0"]);
+    // It says that it has restarted as soon as it may speak, and asks all slaves then.
+    bench.run(ms(3));
+    assert_eq!([1, 2, 3].map(|port| bench.received(port).ends_with(&[ENQ])), [true; 3]);
+    assert_eq!(bench.replies(), [ACK, XOFF, CAN, b'm', b'r']);
+}
+
+#[test]
+fn a_frame_is_refused_only_if_it_would_move_the_lost_slave() {
+    // Moves one slave, and the other two only if it must not.
+    let moves = [[10, 0, 0, 0, 0, 0, 0, 0], [0, 1, 0, 1, 0, 0, 0, 0], [0, 0, 0, 0, 0, 0, 1, 0]];
+    let others = [[0, 1, 0, 1, 0, 0, 1, 0], [10, 0, 0, 0, 0, 0, 1, 0], [10, 1, 0, 1, 0, 0, 0, 0]];
+    for lost in 0..3 {
+        let mut bench = Bench::switched_on(RATE);
+        bench.run(ms(4));
+        (1..=3).for_each(|port| _ = bench.received(port));
+        (1..=3).filter(|port| *port != lost + 1).for_each(|port| bench.send(port, &STARTED));
+        bench.run(ms(200));
+        assert_eq!(bench.replies()[..1], [CAN]);
+        bench.send(0, &moves[lost]);
+        assert_eq!(bench.replies(), [NAK, b'f']);
+        assert_eq!(bench.received(lost + 1).last(), Some(&ENQ), "it is asked whether it is back");
+        bench.run(ms(50));
+        bench.send(0, &others[lost]);
+        bench.run(ms(15));
+        assert_eq!(bench.received(0), [ACK]);
+    }
+}
+
+#[test]
+fn it_says_what_it_is() {
+    let description = Bench::switched_on(RATE).cell.board().description();
+    assert_eq!(description.ports, ["pc", "spindle", "transverse", "depth"]);
+    let names: Vec<&str> = description.signals.iter().map(|signal| signal.name.as_str()).collect();
+    assert_eq!(names, ["frames_distributed", "frame_held", "slaves_busy"]);
+    assert!(description.signals.iter().all(|signal| signal.initial == 0));
+    assert_eq!(description.waits, [Wait { signal: 2, ports: vec![1, 2, 3] }]);
+    assert_eq!((description.heeds, description.events.len()), (vec![Heeds::Reset], 20));
+}
+
+#[test]
+fn settings_have_these_ranges() {
+    assert_eq!(MasterSettings::default().check(), Ok(()));
+    let at = |enquiry_period_ms, answer_ms, enquiries| MasterSettings { enquiry_period_ms, answer_ms, enquiries };
+    assert_eq!([at(100, 8, 2), at(10_000, 1_000, 10)].map(|settings| settings.check()), [Ok(()), Ok(())]);
+    for (settings, expected) in [
+        (at(99, 20, 3), "enquiry_period_ms = 99: expected 100 to 10000"),
+        (at(10_001, 20, 3), "enquiry_period_ms = 10001: expected 100 to 10000"),
+        (at(1_000, 7, 3), "answer_ms = 7: expected 8 to 1000"),
+        (at(1_000, 1_001, 3), "answer_ms = 1001: expected 8 to 1000"),
+        (at(1_000, 20, 1), "enquiries = 1: expected 2 to 10"),
+        (at(1_000, 20, 11), "enquiries = 11: expected 2 to 10"),
+    ] {
+        assert_eq!(settings.check(), Err(expected.to_owned()));
+    }
 }
 
 fn anything() -> impl Strategy<Value = Vec<(usize, Vec<u8>, u64)>> {
