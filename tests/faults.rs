@@ -107,7 +107,7 @@ fn a_character_that_must_never_come_is_found_however_time_is_cut() {
     for again in
         [run_by(&never(2), &processes, None), run_by(&never(2), &Driver::InProcess, Some(Span::from_micros(777)))]
     {
-        assert_eq!((again.digest, &again.failures), (outcome.digest, &outcome.failures));
+        assert_eq!((&again.digest, &again.failures), (&outcome.digest, &outcome.failures));
     }
     // To look for it changes nothing.
     assert_eq!(outcome.digest, run(OUT).digest);

@@ -13,7 +13,6 @@ use torno::scenario::prose::{self, board, line, reply};
 use torno::scenario::{self, Outcome, Scenario};
 use torno::sweep::Scene;
 use torno_protocol::time::Span;
-use torno_trace::Sum;
 
 const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/scenarios");
 
@@ -149,13 +148,9 @@ fn digests_of(name: &str, seeds: u64) -> BTreeSet<String> {
         let slice = Span::from_micros(333 + 977 * seed as u64);
         assert_eq!(inside.digest, in_slices(&scenario, slice).digest, "{name}, seed {seed}, {slice} at once");
         assert_eq!(inside.failures, outside.failures, "{name}, seed {seed}");
-        digests.lock().unwrap().insert(text(inside.digest));
+        digests.lock().unwrap().insert(inside.digest);
     });
     digests.into_inner().unwrap()
-}
-
-fn text(digest: Sum) -> String {
-    digest.to_string()
 }
 
 #[test]

@@ -448,7 +448,7 @@ fn a_controller_that_falls_silent_in_mid_run_is_told() {
         controller.download(&[4; 400], |_, _| {}).await.unwrap();
         let rig = controller.line();
         let (board, at) = (0, rig.now() + torno_protocol::time::Span::from_secs(1));
-        rig.rig().stimulate(board, at, torno_protocol::board::Stimulus::Power(false));
+        rig.session().stimulate(board, at, torno_protocol::board::Stimulus::Power(false));
         let error = controller.run(400, |_| true).await.unwrap_err().to_string();
         assert_eq!(error, "the controller on the rig 'servo' has fallen silent after 200 of 400 ticks");
         assert!(controller.line().now() < at + torno_protocol::time::Span::from_secs(2));

@@ -24,5 +24,6 @@ pub mod scenario;
 pub mod seat;
 pub mod send;
 pub mod servo;
+pub mod session;
 pub mod sweep;
 pub mod text_file;

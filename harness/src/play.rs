@@ -1,19 +1,21 @@
 //! Plays a whole program through a rig, as a PC with flow control would, and tells how it ended.
 
+use std::pin::{Pin, pin};
+
+use torno_bus::PcProgram;
+use torno_engine::Fact;
+use torno_machines::workpiece::ToolPath;
 use torno_protocol::board::Stimulus;
 use torno_protocol::lathe::{Conversation, Outcome, Program, Reply, ReplyDecoder};
 use torno_protocol::time::{Instant, Span};
+use torno_trace::{Header, Trace, Waveforms};
 
-use crate::fault::{Faults, Looked, Onlooker, Planned};
-use crate::observe::{Telemetry, log};
-use crate::pace::{Brake, Pace};
-use crate::recorder::{RECORDED, Recorder, SessionError};
+use crate::fault::Planned;
+use crate::pace::Pace;
+use crate::recorder::Recorder;
 use crate::rig::file::RigFile;
-use crate::rig::{Cost, Driver, Incident, Rig, RigError};
-use torno_bus::{PcEvent, PcProgram};
-use torno_engine::{Fact, Limit, NodeId};
-use torno_machines::workpiece::ToolPath;
-use torno_trace::{Digest, End, Header, Sum, Trace, Waveforms};
+use crate::rig::{Cost, Driver, Incident, Rig};
+use crate::session::{self, EndedBoard, Exchange, Happened, Session, SessionError};
 
 /// The PC starts to send so long after the rig has started, or later where characters are long: a decoder wants to see
 /// an idle line first.
@@ -94,9 +96,9 @@ pub struct Played {
     /// The virtual time it took until the rig was quiet, or the play ended.
     pub end: Instant,
     /// The digest of everything that happened.
-    pub digest: Sum,
+    pub digest: String,
     /// The boards: name, process, last telemetry.
-    pub boards: Vec<PlayedBoard>,
+    pub boards: Vec<EndedBoard>,
     /// What became of their processes.
     pub incidents: Vec<Incident>,
     /// What the boards and the PC have cost.
@@ -128,26 +130,10 @@ impl Played {
     }
 }
 
-/// How a board ended.
-pub struct PlayedBoard {
-    /// Its name.
-    pub name: String,
-    /// Its process; its own or the harness's.
-    pub pid: u32,
-    /// The last value of each of its quantities.
-    pub telemetry: std::collections::BTreeMap<String, i64>,
-    /// The boards that it waits for.
-    pub waits_for: Vec<String>,
-}
-
-struct Session {
-    rig: Rig,
-    digest: Digest,
-    telemetry: Telemetry,
+/// What the player makes of a session.
+struct Player {
     waveforms: Option<Waveforms>,
     path: Option<ToolPath>,
-    recorder: Option<Recorder>,
-    trace: Option<Trace>,
     decoder: ReplyDecoder,
     conversation: Conversation,
     facts: Vec<Fact>,
@@ -159,10 +145,6 @@ struct Session {
     over: Option<Instant>,
     /// How many frames it has.
     frames: usize,
-    faults: Faults,
-    onlooker: Onlooker,
-    /// What waits for something has been seen: the engine may have waited for that.
-    acted: bool,
     incidents: Vec<Incident>,
 }
 
@@ -201,107 +183,28 @@ impl Play {
         interrupted: impl Future<Output = ()>,
     ) -> Result<Played, SessionError> {
         let uart = self.file.uart().with_program(Careful::default());
-        let mut rig = Rig::start(&self.file, &self.driver, uart).await?;
+        let mut session = Session::start(&self.file, &self.driver, uart).await?;
         if self.pace == Pace::Max {
-            rig.share_one_processor();
+            session.rig().share_one_processor();
+        } else {
+            session.set_pace(self.pace, Instant::START)?;
         }
         if self.measure {
-            rig.measure();
+            session.rig_mut().measure();
         }
-        let (mut faults, onlooker) = (Faults::default(), Onlooker::new(self.file.dialect));
-        let begun = onlooker.plan(&mut rig, &mut faults, &self.faults);
-        begun.iter().for_each(|(name, since)| log::begun(name, *since));
-        let pc = rig.pc();
+        session.plan(&self.faults);
+        let pc = session.rig().pc();
         let start = Instant::START + PROGRAM_START.max(self.file.margin());
-        rig.stimulate(pc, start, Stimulus::Write(self.program.bytes()));
-        let path = self.file.part.as_ref().map(ToolPath::new);
-        let frames = self.program.frames.len();
-        let mut session = Session { faults, frames, ..Session::new(rig, onlooker, self.waveforms, path, recorder) };
-        session.trace = self.keep.map(Trace::new);
-        let mut brake = Brake::new(self.pace).map_err(RigError::from)?;
-        let keep_up = session.recorder.as_ref().and_then(|_| brake.span_of(RECORDED));
-        let mut kept_up = Instant::START;
-        let mut interrupted = std::pin::pin!(interrupted);
-        let ended = 'play: loop {
-            let deadline = session.deadline(self.patience);
-            let allowed = if self.pace == Pace::Max { Limit::NONE } else { brake.limit() };
-            let limit = allowed.earlier(Some(deadline)).earlier(session.faults.next()).earlier(session.stride());
-            let mut steps = 0;
-            while session.rig.step(limit).await? {
-                session.take_note()?;
-                progress(session.progress());
-                steps += 1;
-                if steps % STEPS_PER_LOOK == 0 {
-                    tokio::select! {
-                        biased;
-                        () = &mut interrupted => break 'play Ended::Interrupted,
-                        () = tokio::task::yield_now() => {}
-                    }
-                }
-            }
-            session.take_note()?;
-            progress(session.progress());
-            if core::mem::take(&mut session.acted) {
-                continue;
-            }
-            if session.rig.engine().is_quiet() && session.faults.next_turn().is_none() {
-                break Ended::Over;
-            }
-            if session.faults.next() == Some(limit.until) {
-                let begun = session.faults.go_on(&mut session.rig, limit.until);
-                begun.iter().for_each(|(name, since)| log::begun(name, *since));
-                continue;
-            }
-            if limit.until == session.deadline(self.patience) {
-                break if session.over.is_some() { Ended::Over } else { Ended::OutOfPatience };
-            }
-            if self.pace == Pace::Max {
-                continue;
-            }
-            let next = session.rig.engine().next_instant();
-            let mut next = session.faults.next().map_or(next, |fault| fault.min(next));
-            if let Some(every) = keep_up {
-                if limit.until >= kept_up + every {
-                    kept_up = limit.until;
-                    session.bring_to(kept_up).await?;
-                }
-                next = next.min(kept_up + every);
-            }
-            if let Some(recorder) = &mut session.recorder {
-                recorder.before_wait(brake.wall_until(next))?;
-            }
-            tokio::select! {
-                () = &mut interrupted => break Ended::Interrupted,
-                () = session.rig.news() => {}
-                passed = brake.wait_past(next) => {
-                    passed.map_err(RigError::from)?;
-                    if let Some(by) = brake.reached(next) {
-                        log::behind(next, by);
-                    }
-                }
-            }
-        };
-        let now = match ended {
-            Ended::Interrupted if self.pace == Pace::Max => Instant::START,
-            Ended::Interrupted => brake.limit().until,
-            Ended::Over | Ended::OutOfPatience => session.deadline(self.patience),
-        };
-        let end = session.settle(now).await?;
-        progress(session.progress());
-        session.finish(ended, end)
-    }
-}
-
-impl Session {
-    fn new(rig: Rig, onlooker: Onlooker, waveforms: bool, path: Option<ToolPath>, recorder: Option<Recorder>) -> Self {
-        Self {
-            digest: Digest::new(rig.layout()),
-            telemetry: Telemetry::new(&rig),
-            waveforms: waveforms.then(|| Waveforms::new(rig.layout())),
-            path,
-            recorder,
-            trace: None,
-            rig,
+        session.stimulate(pc, start, Stimulus::Write(self.program.bytes()));
+        if let Some(recorder) = recorder {
+            session.record(recorder);
+        }
+        if let Some(header) = self.keep {
+            session.keep(header);
+        }
+        let mut player = Player {
+            waveforms: self.waveforms.then(|| Waveforms::new(&self.file.layout)),
+            path: self.file.part.as_ref().map(ToolPath::new),
             decoder: ReplyDecoder::default(),
             conversation: Conversation::default(),
             facts: Vec::new(),
@@ -309,67 +212,115 @@ impl Session {
             now: Instant::START,
             accepted: Instant::START,
             over: None,
-            frames: 0,
-            faults: Faults::default(),
-            onlooker,
-            acted: false,
+            frames: self.program.frames.len(),
             incidents: Vec::new(),
-        }
+        };
+        let mut kept_up = Instant::START;
+        let mut interrupted = pin!(interrupted);
+        let mut steps = 0;
+        let ended = 'play: loop {
+            let deadline = player.deadline(session.rig(), self.patience);
+            let limit = session.allowed().earlier(Some(deadline)).earlier(stride(session.rig()));
+            loop {
+                let happened = session.step(limit).await?;
+                let more = happened.more;
+                player.take(happened);
+                progress(player.progress());
+                steps += 1;
+                if steps % STEPS_PER_LOOK == 0 && has_come(interrupted.as_mut()).await {
+                    break 'play Ended::Interrupted;
+                }
+                if !more {
+                    break;
+                }
+            }
+            if session.rig().engine().is_quiet() && session.faults().0.next_turn().is_none() {
+                break Ended::Over;
+            }
+            if limit.until == player.deadline(session.rig(), self.patience) {
+                break if player.over.is_some() { Ended::Over } else { Ended::OutOfPatience };
+            }
+            if session.pace() == Pace::Max {
+                continue;
+            }
+            let next = session.rig().engine().next_instant();
+            let mut next = session.faults().0.next().map_or(next, |fault| fault.min(next));
+            if let Some(every) = session.keep_up_every() {
+                if limit.until >= kept_up + every {
+                    kept_up = limit.until;
+                    session.settle(kept_up, |happened| player.take(happened)).await?;
+                }
+                next = next.min(kept_up + every);
+            }
+            tokio::select! {
+                () = &mut interrupted => break Ended::Interrupted,
+                waited = session.wait(next) => waited?,
+            }
+        };
+        let now = match ended {
+            Ended::Interrupted if self.pace == Pace::Max => Instant::START,
+            Ended::Interrupted => session.allowed().until,
+            Ended::Over | Ended::OutOfPatience => player.deadline(session.rig(), self.patience),
+        };
+        let until = session.fall_still(now, |happened| player.take(happened)).await?;
+        progress(player.progress());
+        let unfired = session.unfired();
+        let outcome = player.conversation.outcome(player.frames);
+        let session::Ended { end, boards, trace, rig } = session.close(until, outcome.name())?;
+        Ok(Played {
+            outcome,
+            ended,
+            end: end.at,
+            digest: end.digest,
+            boards,
+            incidents: player.incidents,
+            costs: rig.costs(),
+            measured: rig.measured(),
+            waveforms: player.waveforms,
+            path: player.path,
+            trace,
+            unfired,
+            conversation: player.conversation,
+        })
     }
+}
 
-    /// Makes of the facts what is to be made of them.
-    fn take_note(&mut self) -> Result<(), SessionError> {
-        for incident in self.rig.take_incidents() {
-            log::set_time(incident.at);
-            tracing::warn!("{incident}");
-            self.incidents.push(incident);
-        }
-        let (inputs, facts) = (self.rig.take_inputs(), self.rig.take_facts());
-        if let Some(recorder) = &mut self.recorder {
-            recorder.note(&inputs, &facts, self.rig.engine().frontier())?;
-        }
-        if let Some(trace) = &mut self.trace {
-            trace.inputs.extend_from_slice(&inputs);
-            trace.facts.extend_from_slice(&facts);
-        }
-        for fact in &facts {
-            log::log(&self.rig, fact);
-            self.digest.add(fact);
-            self.telemetry.add(fact);
+/// How far to go at once, so that a play with faults does not go past its end.
+fn stride(rig: &Rig) -> Option<Instant> {
+    let engine = rig.engine();
+    (!engine.is_undisturbed()).then(|| engine.frontier() + AFTER)
+}
+
+impl Player {
+    /// Makes of what has happened what is to be made of it.
+    fn take(&mut self, happened: Happened) {
+        for fact in &happened.facts {
             if let Some(waveforms) = &mut self.waveforms {
                 waveforms.add(fact);
             }
             if let Some(path) = &mut self.path {
                 path.add(fact);
             }
-            if let Fact::Event { node, at, event, value } = fact {
-                self.now = self.now.max(*at);
-                if *node == self.rig.pc() {
-                    self.listen(*at, PcEvent::from_numbers(*event, *value));
-                }
-            }
         }
-        let Looked { seen, begun } = self.onlooker.look(&mut self.rig, &mut self.faults, &facts);
-        self.acted |= seen;
-        begun.iter().for_each(|(name, since)| log::begun(name, *since));
-        self.facts = facts;
-        self.now = self.now.max(self.rig.engine().frontier());
-        Ok(())
+        happened.pc.iter().for_each(|(at, exchange)| self.listen(*at, exchange));
+        self.incidents.extend(happened.incidents);
+        self.facts = happened.facts;
+        self.now = self.now.max(happened.settled);
     }
 
-    fn listen(&mut self, at: Instant, event: Option<PcEvent>) {
+    fn listen(&mut self, at: Instant, exchange: &Exchange) {
         let accepted = self.conversation.accepted;
-        match event {
-            Some(PcEvent::Sent(_)) => {
+        match exchange {
+            Exchange::Sent(..) => {
                 self.bytes_sent += 1;
                 if self.bytes_sent.is_multiple_of(8) {
                     self.conversation.sent();
                 }
             }
-            Some(PcEvent::Received(byte)) => {
-                self.decoder.push(byte).into_iter().for_each(|reply| self.conversation.reply(reply));
+            Exchange::Received(byte, _) => {
+                self.decoder.push(*byte).into_iter().for_each(|reply| self.conversation.reply(reply));
             }
-            Some(PcEvent::Garbled(_)) | None => {}
+            Exchange::Garbled(_) => {}
         }
         if self.conversation.accepted > accepted {
             self.accepted = at;
@@ -378,16 +329,10 @@ impl Session {
         self.over = over.then(|| self.over.unwrap_or(at));
     }
 
-    /// How far to go at once, so that a play with faults does not go past its end.
-    fn stride(&self) -> Option<Instant> {
-        let engine = self.rig.engine();
-        (!engine.is_undisturbed()).then(|| engine.frontier() + AFTER)
-    }
-
     /// When the play ends, unless the rig is quiet before.
-    fn deadline(&self, patience: Span) -> Instant {
+    fn deadline(&self, rig: &Rig, patience: Span) -> Instant {
         match self.over {
-            Some(over) if !self.rig.engine().is_undisturbed() => over + AFTER,
+            Some(over) if !rig.engine().is_undisturbed() => over + AFTER,
             _ => self.accepted + patience,
         }
     }
@@ -395,65 +340,14 @@ impl Session {
     fn progress(&self) -> Progress<'_> {
         Progress { now: self.now, conversation: &self.conversation, facts: &self.facts }
     }
+}
 
-    /// Lets happen what is left, up to `now` unless the rig is quiet. Gives the last instant of the play: the one since
-    /// which the rig is quiet, if it is.
-    async fn settle(&mut self, now: Instant) -> Result<Instant, SessionError> {
-        let end = if self.rig.engine().is_quiet() {
-            let end = self.rig.engine().quiet_since();
-            self.rig.catch_up(end.next()).await?;
-            end
-        } else {
-            let until = self.rig.engine().frontier().max(now);
-            self.bring_to(until).await?;
-            until - Span::from_nanos(1)
-        };
-        self.take_note()?;
-        Ok(end)
-    }
-
-    /// Brings every board to `until`: everything before that has happened, and has been noted.
-    async fn bring_to(&mut self, until: Instant) -> Result<(), SessionError> {
-        loop {
-            self.rig.settle(until).await?;
-            self.take_note()?;
-            if !core::mem::take(&mut self.acted) {
-                return Ok(());
-            }
-        }
-    }
-
-    fn finish(mut self, ended: Ended, end: Instant) -> Result<Played, SessionError> {
-        let outcome = self.conversation.outcome(self.frames);
-        let digest = self.digest.sum();
-        let last = End { digest: digest.to_string(), at: end, outcome: outcome.name().to_owned() };
-        if let Some(recorder) = &mut self.recorder {
-            recorder.finish(&last)?;
-        }
-        if let Some(trace) = &mut self.trace {
-            (trace.settled, trace.end) = (end.next(), Some(last));
-        }
-        let board = |(id, node): (NodeId, &crate::rig::Node)| PlayedBoard {
-            name: node.name.clone(),
-            pid: node.pid.unwrap_or_else(std::process::id),
-            telemetry: self.telemetry.of(id),
-            waits_for: self.rig.waits_for(id, &self.telemetry.values(id)),
-        };
-        Ok(Played {
-            outcome,
-            ended,
-            end,
-            digest,
-            boards: self.rig.nodes().iter().enumerate().filter(|(id, _)| *id != self.rig.pc()).map(board).collect(),
-            incidents: self.incidents,
-            costs: self.rig.costs(),
-            measured: self.rig.measured(),
-            waveforms: self.waveforms,
-            path: self.path,
-            trace: self.trace,
-            unfired: self.faults.unfired(&mut self.rig),
-            conversation: self.conversation,
-        })
+/// Whether a future has come to its end by now. Others have their turn.
+async fn has_come(future: Pin<&mut impl Future<Output = ()>>) -> bool {
+    tokio::select! {
+        biased;
+        () = future => true,
+        () = tokio::task::yield_now() => false,
     }
 }
 

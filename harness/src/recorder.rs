@@ -9,7 +9,6 @@ use std::time::Duration;
 use torno_protocol::time::Instant;
 
 use crate::pace::Lapse;
-use crate::rig::RigError;
 use torno_engine::{Fact, Input};
 use torno_trace::{End, Header, MAGIC, Writer};
 
@@ -20,17 +19,6 @@ const SECOND: Duration = Duration::from_secs(1);
 pub const RECORDED: Duration = Duration::from_millis(500);
 /// Notes between two looks at the wall clock.
 const NOTES_PER_LOOK: u32 = 64;
-
-/// Why a session that may be recorded cannot go on. It is not the machine in the rig that broke.
-#[derive(Debug, thiserror::Error)]
-pub enum SessionError {
-    /// The rig itself broke.
-    #[error(transparent)]
-    Rig(#[from] RigError),
-    /// The rig is fine, but what happens cannot be recorded.
-    #[error(transparent)]
-    Recording(#[from] RecordingError),
-}
 
 /// Why a recording cannot begin.
 #[derive(Debug, thiserror::Error)]

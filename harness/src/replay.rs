@@ -6,10 +6,10 @@ use torno_protocol::board::Stimulus;
 use torno_protocol::time::Instant;
 
 use crate::play::Careful;
+use crate::rig::Driver;
 use crate::rig::file::{RigFile, RigFileError};
-use crate::rig::{Driver, Rig, RigError};
-use torno_engine::{Disturbance, Input, LineId, NodeId, What};
-use torno_trace::{Digest, Sum};
+use crate::session::{Session, SessionError};
+use torno_engine::{Disturbance, Input, Limit, LineId, NodeId, What};
 use torno_trace::{Header, Trace};
 
 /// What came of a session that was repeated.
@@ -18,7 +18,7 @@ pub struct Replayed {
     /// The session, without an end of its own.
     pub trace: Trace,
     /// The digest of everything that happened.
-    pub digest: Sum,
+    pub digest: String,
 }
 
 /// Why a session cannot be repeated.
@@ -46,7 +46,7 @@ pub enum ReplayError {
     },
     /// The rig broke.
     #[error(transparent)]
-    Rig(#[from] RigError),
+    Session(#[from] SessionError),
 }
 
 /// Something to be done to the rig.
@@ -71,66 +71,50 @@ pub async fn replay(trace: &Trace, driver: &Driver) -> Result<Replayed, ReplayEr
         return Err(ReplayError::Other { torno: torno.clone() });
     }
     let uart = file.uart();
-    let rig = match program {
+    let session = match program {
         // A PC that the machine does not hold is outside the rig, whatever it plays.
         Some(_) if file.dialect.holds_the_pc() => {
-            Rig::start(&file, driver, uart.with_program(Careful::default())).await?
+            Session::start(&file, driver, uart.with_program(Careful::default())).await?
         }
-        _ => Rig::start(&file, driver, uart).await?,
+        _ => Session::start(&file, driver, uart).await?,
     };
-    rig.share_one_processor();
-    let mut again = Again { digest: Digest::new(&header.layout), rig, trace: Trace::new(header) };
+    let mut session = session.quiet();
+    session.rig().share_one_processor();
+    session.keep(header.clone());
     // Faults have other numbers here: watches are numbered with them.
     let mut faults = BTreeMap::new();
     for (when, action) in actions(&trace.inputs) {
-        again.run(when).await?;
+        run(&mut session, when).await?;
+        let rig = session.rig_mut();
         match action {
-            Action::Stimulate(board, at, stimulus) => drop(again.rig.stimulate(board, at, stimulus)),
+            Action::Stimulate(board, at, stimulus) => drop(rig.stimulate(board, at, stimulus)),
             Action::Disturb(line, at, number, what) => {
-                faults.insert(number, again.rig.disturb(line, at, &what).0);
+                faults.insert(number, rig.disturb(line, at, &what).0);
             }
             Action::Heal(at, number) => {
                 if let Some(fault) = faults.get(&number) {
-                    again.rig.heal(*fault, at);
+                    rig.heal(*fault, at);
                 }
             }
             Action::End(board) => {
-                again.rig.settle(when).await?;
-                again.rig.end_board(board);
+                session.settle(when, |_| ()).await?;
+                session.rig_mut().end_board(board);
             }
         }
     }
     let until = trace.until();
-    again.run(until).await?;
-    again.rig.settle(until).await?;
-    again.note();
-    again.trace.settled = until;
-    Ok(Replayed { digest: again.digest.sum(), trace: again.trace })
+    run(&mut session, until).await?;
+    let ended = session.finish(until, "replayed", |_| ()).await?;
+    let trace = ended.trace.map(|trace| Trace { end: None, ..trace });
+    Ok(Replayed { digest: ended.end.digest, trace: trace.unwrap_or_else(|| Trace::new(header)) })
 }
 
-struct Again {
-    rig: Rig,
-    digest: Digest,
-    trace: Trace,
-}
-
-impl Again {
-    async fn run(&mut self, until: Instant) -> Result<(), RigError> {
-        while self.rig.step(torno_engine::Limit::until(until)).await? {
-            self.note();
-            // Whatever may end this must have its turn, even if all boards are in this process.
-            tokio::task::yield_now().await;
-        }
-        self.note();
-        Ok(())
+/// Lets everything happen before `until`. Others have their turn, even if all boards are in this process.
+async fn run(session: &mut Session, until: Instant) -> Result<(), SessionError> {
+    while session.step(Limit::until(until)).await?.more {
+        tokio::task::yield_now().await;
     }
-
-    fn note(&mut self) {
-        let facts = self.rig.take_facts();
-        facts.iter().for_each(|fact| self.digest.add(fact));
-        self.trace.facts.extend(facts);
-        self.trace.inputs.extend(self.rig.take_inputs());
-    }
+    Ok(())
 }
 
 /// What is to be done, and how far the rig is to have come by then: no further than when the input came, nor than from
@@ -190,7 +174,7 @@ mod tests {
     use torno_protocol::time::Span;
 
     use super::*;
-    use torno_engine::{Limit, Tampering};
+    use torno_engine::Tampering;
     use torno_trace::diff::{Extent, first_difference};
 
     fn input(at: u64, what: What) -> Input {
@@ -277,25 +261,23 @@ mod tests {
     }
 
     /// Lets a rig run; who does something does it at once, and heals it by and by.
-    async fn disturbed(deeds: &[Deed]) -> (Trace, Sum) {
+    async fn disturbed(deeds: &[Deed]) -> (Trace, String) {
         let file = RigFile::load("lathe").unwrap();
         let header = file.header("lathe", 0, None);
-        let uart = file.uart();
-        let rig = Rig::start(&file, &Driver::InProcess, uart).await.unwrap();
-        let mut session = Again { digest: Digest::new(&header.layout), rig, trace: Trace::new(header) };
-        let pc = session.rig.pc();
+        let mut session = Session::start(&file, &Driver::InProcess, file.uart()).await.unwrap().quiet();
+        session.keep(header);
+        let pc = session.rig().pc();
         let frame = vec![0x0a, 0xe1, 0, 0xe1, 0, 0, 1, 0];
-        session.rig.stimulate(pc, ns(10_000_000), Stimulus::Write([&frame[..], &frame, &frame].concat()));
+        session.stimulate(pc, ns(10_000_000), Stimulus::Write([&frame[..], &frame, &frame].concat()));
         let mut now = ns(10_000_000);
         for (after, place, deed) in deeds {
             now += Span::from_micros(*after);
             // Not all of the rig is where the first board of it is.
             let mut steps = after % 7;
-            while session.rig.step(Limit::until(now)).await.unwrap() && (steps > 0 || *after > 1_000) {
-                session.note();
+            while session.step(Limit::until(now)).await.unwrap().more && (steps > 0 || *after > 1_000) {
                 steps = steps.saturating_sub(1);
             }
-            let rig = &mut session.rig;
+            let rig = session.rig_mut();
             match deed {
                 Ok(stimulus @ Stimulus::Write(_)) => drop(rig.stimulate(pc, now, stimulus.clone())),
                 Ok(stimulus) => drop(rig.stimulate(place % 5, Instant::START, stimulus.clone())),
@@ -306,12 +288,9 @@ mod tests {
                 }
             }
         }
-        let until = now.max(session.rig.engine().frontier()) + Span::from_secs(2);
-        session.run(until).await.unwrap();
-        session.rig.settle(until).await.unwrap();
-        session.note();
-        session.trace.settled = until;
-        (session.trace, session.digest.sum())
+        let until = now.max(session.rig().engine().frontier()) + Span::from_secs(2);
+        let ended = session.finish(until, "ended", |_| ()).await.unwrap();
+        (Trace { end: None, ..ended.trace.unwrap() }, ended.end.digest)
     }
 
     proptest! {

@@ -26,16 +26,16 @@ use std::time::Instant;
 use anyhow::Context;
 use clap::{Parser, Subcommand};
 use tokio::signal::unix::{Signal, SignalKind, signal};
-use torno::live::LiveError;
 use torno::play::DEMONSTRATION;
 use torno::port::PortError;
-use torno::recorder::{Recorder, RecordingError, SessionError};
+use torno::recorder::{Recorder, RecordingError};
 use torno::replay::ReplayError;
 use torno::rig::file::{DEFAULT, RigFile, RigFileError};
 use torno::rig::{Driver, RigError};
 use torno::seat::SeatError;
 use torno::send::SendError;
 use torno::servo::{ControllerError, LineError};
+use torno::session::SessionError;
 use torno::text_file::TextError;
 use torno_protocol::lathe::Program;
 use torno_trace::{Damage, Header, Trace};
@@ -134,10 +134,9 @@ fn exit_code(error: &anyhow::Error) -> u8 {
     };
     let broken = error.downcast_ref::<RigError>().is_some()
         || error.downcast_ref::<SessionError>().is_some()
-        || error.downcast_ref::<LiveError>().is_some()
         || error.downcast_ref::<RecordingError>().is_some()
-        || matches!(error.downcast_ref::<ReplayError>(), Some(ReplayError::Rig(_)))
-        || line.is_some_and(|line| matches!(line, LineError::Rig(_) | LineError::Recording(_)));
+        || matches!(error.downcast_ref::<ReplayError>(), Some(ReplayError::Session(_)))
+        || line.is_some_and(|line| matches!(line, LineError::Session(_)));
     let failed = matches!(error.downcast_ref::<SendError>(), Some(SendError::Port { .. }))
         || error.downcast_ref::<ControllerError>().is_some();
     let used_wrongly = error.downcast_ref::<PortError>().is_some()

@@ -8,10 +8,10 @@ use std::str::FromStr;
 
 use anyhow::Context;
 use torno::observe::log;
-use torno::recorder::SessionError;
 use torno::report::{Bar, Tested, seed_text, shell_word};
 use torno::rig::Driver;
 use torno::scenario::{Scenario, run_all};
+use torno::session::SessionError;
 use torno::sweep::{Run, Scene, Table, Variation, Verdict, Whole, cells, merge, shrink};
 
 use super::{FAILED, USAGE, print};

@@ -5,9 +5,10 @@ use std::process::ExitCode;
 
 use anyhow::Context;
 use torno::observe::log;
-use torno::recorder::{Recorder, SessionError};
+use torno::recorder::Recorder;
 use torno::report::{Bar, TestReport, seed_text};
 use torno::scenario::{Scenario, run_all, run_recorded};
+use torno::session::SessionError;
 
 use super::{FAILED, colour, driver, print, start_recording};
 

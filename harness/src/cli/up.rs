@@ -104,12 +104,11 @@ impl Arguments {
             () = interrupt.received() => {}
         }
         tokio::select! {
-            ended = live.end_recording() => ended?,
+            unfired = live.end() => for name in unfired? {
+                tracing::warn!("the fault '{name}' has not fired");
+            },
             // Who cannot wait for a board that does not answer has a trace without an end.
             () = interrupt.received() => {}
-        }
-        for name in live.unfired() {
-            tracing::warn!("the fault '{name}' has not fired");
         }
         Ok(ExitCode::SUCCESS)
     }

@@ -5,12 +5,10 @@
 
 mod faults;
 mod file;
-mod onlooker;
 
 pub use faults::{Faults, HealError, Planned, Trigger};
 pub use file::{BOARD_KINDS, FaultFile, FaultFileError, LINE_KINDS, RawFault, load, parse};
 pub(crate) use file::{span, text_drawn};
-pub use onlooker::{Looked, Onlooker};
 
 use torno_protocol::board::{Heeds, Stimulus};
 use torno_protocol::clock::Clock;

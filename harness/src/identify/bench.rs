@@ -5,10 +5,10 @@ use torno_protocol::board::Stimulus;
 use torno_protocol::clock::{Clock, Rate, Ticks};
 use torno_protocol::time::Instant;
 
+use crate::rig::Driver;
 use crate::rig::file::RigFile;
-use crate::rig::{Driver, Rig, RigError};
-use torno_bus::PcUart;
-use torno_engine::{Fact, NodeId};
+use crate::session::{Session, SessionError};
+use torno_engine::NodeId;
 use torno_machines::kinds;
 use torno_machines::kinds::KindError;
 use torno_machines::motor::{Encoder, Law, Motor};
@@ -156,7 +156,7 @@ pub enum BenchError {
     Kind(#[from] KindError),
     /// The rig broke.
     #[error(transparent)]
-    Rig(#[from] RigError),
+    Session(#[from] SessionError),
 }
 
 impl Subject {
@@ -230,9 +230,8 @@ impl Subject {
         let program = Program::new(self, plan)?;
         let what = program.what.clone();
         let counts = if let Kind::Loop { counts, .. } = program.kind { counts } else { LOOP_STEP };
-        let pc = PcUart::new(file.pc.baud, file.pc.tx_fifo, file.pc.clock);
-        let rig = Rig::start(file, &Driver::InProcess, pc).await?;
-        let raw = self.drive(rig, program, plan.seconds).await?;
+        let session = Session::start(file, &Driver::InProcess, file.uart()).await?.quiet();
+        let raw = self.drive(session, program, plan.seconds).await?;
         let data = match self.data(&raw) {
             Ok(data) => data,
             Err(finding) => return Ok(Err(Useless { what, finding })),
@@ -245,49 +244,33 @@ impl Subject {
         Ok(Ok(Recording { data, closed, what }))
     }
 
-    async fn drive(&self, mut rig: Rig, mut program: Program, seconds: f64) -> Result<Vec<Point>, BenchError> {
+    async fn drive(&self, mut session: Session, mut program: Program, seconds: f64) -> Result<Vec<Point>, BenchError> {
         let rate = Rate::fraction(1_000, u64::from(self.motor.period_ms));
         let ticks = Ticks::new(Instant::START, rate, self.clock);
-        let signals = &rig.nodes()[self.node].description.signals;
+        let signals = &session.rig().nodes()[self.node].description.signals;
         let place = |name: &str| {
             let name = self.signal(name);
-            signals.iter().position(|signal| signal.name == name).unwrap_or(usize::MAX)
+            signals.iter().position(|signal| signal.name == name).map_or(u8::MAX, |place| place as u8)
         };
         let (Encoder::Window(name) | Encoder::Position(name)) = self.motor.encoder;
         let (counted, driven) = (place(name), place("drive"));
-        let mut seen = (0i64, 0i64);
         let count = (seconds * 1_000.0 / f64::from(self.motor.period_ms)).round() as u64;
         let mut points: Vec<Point> = Vec::new();
         for n in BEFORE..=BEFORE + count {
             // What the board does at the tick itself, and then what it is told.
             let after = ticks.at(n).next();
-            rig.settle(after).await?;
-            self.take_note(&mut rig, counted, driven, &mut seen);
+            session.settle(after, |_| ()).await?;
+            let [count, drive] = [counted, driven].map(|signal| session.telemetry().value(self.node, signal));
             if let Some(last) = points.last_mut() {
-                last.drive = seen.1;
+                last.drive = drive;
             }
             let time = ticks.at(n).as_secs_f64();
-            points.push(Point { time, count: seen.0, drive: 0 });
-            let per_mille = program.next(points.len() - 1, seen.0);
+            points.push(Point { time, count, drive: 0 });
+            let per_mille = program.next(points.len() - 1, count);
             let drive = Stimulus::Drive(per_mille);
-            rig.stimulate(self.node, after, self.place.map_or(drive.clone(), |place| drive.of(place)));
+            session.stimulate(self.node, after, self.place.map_or(drive.clone(), |place| drive.of(place)));
         }
         Ok(points)
-    }
-
-    fn take_note(&self, rig: &mut Rig, counted: usize, driven: usize, seen: &mut (i64, i64)) {
-        for fact in rig.take_facts() {
-            if let Fact::Telemetry { node, signal, value, .. } = fact
-                && node == self.node
-            {
-                match usize::from(signal) {
-                    place if place == counted => seen.0 = value,
-                    place if place == driven => seen.1 = value,
-                    _ => {}
-                }
-            }
-        }
-        rig.take_inputs();
     }
 
     /// Points as intervals: each with the drive that was set at its beginning.

@@ -13,9 +13,9 @@ use torno_protocol::time::{Instant, Span};
 use super::bench::Subject;
 use super::report::{Identification, digits, short};
 use crate::report::plot::{Figure, Panel, Series, Style as Drawn};
+use crate::rig::Driver;
 use crate::rig::file::RigFile;
-use crate::rig::{Driver, Rig, RigError};
-use torno_bus::PcUart;
+use crate::session::{Session, SessionError};
 use torno_engine::Fact;
 use torno_machines::motor::{Form, Law, Motor};
 
@@ -255,7 +255,7 @@ pub enum TuneError {
     },
     /// The rig broke.
     #[error(transparent)]
-    Rig(#[from] RigError),
+    Session(#[from] SessionError),
 }
 
 impl Tuning {
@@ -378,24 +378,27 @@ fn watched(model: &FirstOrder) -> u64 {
 }
 
 /// Lets the PC send a frame, and watches the motor.
-async fn watch(file: &RigFile, subject: &Subject, seconds: u64) -> Result<Seen, RigError> {
-    let pc = PcUart::new(file.pc.baud, file.pc.tx_fifo, file.pc.clock);
-    let mut rig = Rig::start(file, &Driver::InProcess, pc).await?;
+async fn watch(file: &RigFile, subject: &Subject, seconds: u64) -> Result<Seen, SessionError> {
+    let mut session = Session::start(file, &Driver::InProcess, file.uart()).await?.quiet();
     let frame =
         if subject.is_axis() { [&[0], &MOVE[..], &[0, 0, 0]].concat() } else { [&[SPEED][..], &[0; 7]].concat() };
-    let node = rig.pc();
-    rig.stimulate(node, Instant::START + SENT.max(file.margin()), Stimulus::Write(frame));
-    rig.settle(Instant::START + Span::from_secs(seconds)).await?;
+    let node = session.rig().pc();
+    session.stimulate(node, Instant::START + SENT.max(file.margin()), Stimulus::Write(frame));
     let signals: Vec<String> =
-        rig.nodes()[subject.node].description.signals.iter().map(|signal| signal.name.clone()).collect();
+        session.rig().nodes()[subject.node].description.signals.iter().map(|signal| signal.name.clone()).collect();
     let mut history = Vec::new();
-    for fact in rig.take_facts() {
-        if let Fact::Telemetry { node, at, signal, value } = fact
-            && node == subject.node
-        {
-            history.push((at, usize::from(signal), value as f64));
-        }
-    }
+    let end = Instant::START + Span::from_secs(seconds);
+    session
+        .settle(end, |happened| {
+            for fact in happened.facts {
+                if let Fact::Telemetry { node, at, signal, value } = fact
+                    && node == subject.node
+                {
+                    history.push((at, usize::from(signal), value as f64));
+                }
+            }
+        })
+        .await?;
     history.sort_by_key(|(at, ..)| *at);
     Ok(Seen::of(subject, &signals, &history, seconds))
 }

@@ -2,24 +2,22 @@
 
 mod steering;
 
-use std::io;
 use std::time::Duration;
 
 use torno_protocol::board::Stimulus;
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::BITS_PER_CHARACTER;
 
-use crate::fault::{Faults, Looked, Onlooker};
 use crate::observe::log;
 use crate::pace::{Brake, Lapse, Pace};
 use crate::port::{LineSettings, PcPort, PortEvent};
 use crate::recorder::{RECORDED, Recorder, RecordingError};
 use crate::rig::file::RigFile;
-use crate::rig::{Driver, Rig, RigError};
+use crate::rig::{Driver, Rig};
+use crate::session::{Exchange, Happened, Session, SessionError};
 use steering::{Steering, next_call};
-use torno_bus::{PcEvent, STOPPED};
+use torno_bus::STOPPED;
 use torno_engine::{Fact, Input, Limit, What};
-use torno_trace::{Digest, End};
 
 /// So many of the client's bytes wait in the driver at the most. Its settings are read with each helping, so a new
 /// speed holds at most this many characters late.
@@ -40,7 +38,7 @@ const STRIDE: Span = Span::from_secs(1);
 
 /// A rig with an open PC port.
 pub struct Live {
-    rig: Rig,
+    session: Session,
     port: PcPort,
     brake: Brake,
     settings: LineSettings,
@@ -56,43 +54,19 @@ pub struct Live {
     kept_up: Instant,
     /// When the PC's supply has gone or come, as far as that still lies ahead: what was to be sent by then is lost.
     supply: Vec<Instant>,
-    recording: Option<Recording>,
-    faults: Faults,
-    onlooker: Onlooker,
-    /// What a watch has seen has been taken: the engine may have waited for that.
-    acted: bool,
     steering: Option<Steering>,
-}
-
-struct Recording {
-    recorder: Recorder,
-    digest: Digest,
-}
-
-/// Why a live rig ended.
-#[derive(Debug, thiserror::Error)]
-pub enum LiveError {
-    /// The rig itself broke.
-    #[error(transparent)]
-    Rig(#[from] RigError),
-    /// The PC port, or the timer.
-    #[error("the PC port failed")]
-    Port(#[from] io::Error),
-    /// What happens cannot be recorded any more.
-    #[error(transparent)]
-    Recording(#[from] RecordingError),
 }
 
 impl Live {
     /// Starts the rig behind `port`.
     ///
     /// # Errors
-    /// [`LiveError`] if a board cannot be started.
-    pub async fn start(file: &RigFile, driver: &Driver, pace: Pace, port: PcPort) -> Result<Self, LiveError> {
-        let rig = Rig::start(file, driver, file.uart()).await?;
+    /// [`SessionError`] if a board cannot be started.
+    pub async fn start(file: &RigFile, driver: &Driver, pace: Pace, port: PcPort) -> Result<Self, SessionError> {
+        let session = Session::start(file, driver, file.uart()).await?;
         let settings = LineSettings { baud: file.pc.baud, ixon: false };
         Ok(Self {
-            rig,
+            session,
             port,
             brake: Brake::new(pace)?,
             settings,
@@ -102,46 +76,34 @@ impl Live {
             reached: Instant::START,
             kept_up: Instant::START,
             supply: Vec::new(),
-            recording: None,
-            faults: Faults::default(),
-            onlooker: Onlooker::new(file.dialect),
-            acted: false,
             steering: None,
         })
     }
 
     /// Records everything from the start. For a rig that does not run yet.
     pub fn record(&mut self, recorder: Recorder) {
-        self.recording = Some(Recording { recorder, digest: Digest::new(self.rig.layout()) });
+        self.session.record(recorder);
     }
 
-    /// Ends the recording, if there is one: every board is brought to one instant, so that what is recorded is all that
-    /// happened before it.
+    /// Ends it, and the recording, if there is one: every board is brought to one instant, so that what is recorded is
+    /// all that happened before it. Gives the faults that have broken nothing.
     ///
     /// # Errors
-    /// [`LiveError`] if the rig breaks over it, or the recording cannot be written.
-    pub async fn end_recording(&mut self) -> Result<(), LiveError> {
-        if self.recording.is_none() {
-            return Ok(());
+    /// [`SessionError`] if the rig breaks over it, or the recording cannot be written.
+    pub async fn end(mut self) -> Result<Vec<String>, SessionError> {
+        if self.session.is_recorded() {
+            let until = self.now().max(self.session.rig().engine().frontier()).max(Instant::START.next());
+            self.session.settle(until, |_| ()).await?;
+            let unfired = self.session.unfired();
+            self.session.close(until, "interrupted")?;
+            return Ok(unfired);
         }
-        let until = self.now().max(self.rig.engine().frontier()).max(Instant::START.next());
-        loop {
-            self.rig.settle(until).await?;
-            self.note()?;
-            if !core::mem::take(&mut self.acted) {
-                break;
-            }
-        }
-        if let Some(Recording { mut recorder, digest, .. }) = self.recording.take() {
-            let at = until - Span::from_nanos(1);
-            recorder.finish(&End { digest: digest.sum().to_string(), at, outcome: "interrupted".to_owned() })?;
-        }
-        Ok(())
+        Ok(self.session.unfired())
     }
 
     /// The rig.
     pub const fn rig(&self) -> &Rig {
-        &self.rig
+        self.session.rig()
     }
 
     /// The PC port.
@@ -152,13 +114,13 @@ impl Live {
     /// Runs until something breaks.
     ///
     /// # Errors
-    /// [`LiveError`]: this is the only way in which it ends by itself.
-    pub async fn run(&mut self) -> Result<std::convert::Infallible, LiveError> {
+    /// [`SessionError`]: this is the only way in which it ends by itself.
+    pub async fn run(&mut self) -> Result<std::convert::Infallible, SessionError> {
         loop {
             let allowed = self.brake.limit();
-            let limit = self.slice(allowed).earlier(self.faults.next());
+            let limit = self.slice(allowed).earlier(self.session.faults().0.next());
             let arrived = self.go(limit).await?;
-            let frontier = self.rig.engine().frontier();
+            let frontier = self.rig().engine().frontier();
             // At full speed a silence may have held time back.
             let went = frontier >= limit.until;
             self.reached = match arrived {
@@ -166,10 +128,7 @@ impl Live {
                 true => Instant::NEVER,
                 false => frontier,
             };
-            let now = self.now();
-            for (name, since) in self.faults.go_on(&mut self.rig, now) {
-                log::begun(&name, since);
-            }
+            self.session.go_on(self.now());
             self.lose_supply();
             self.keep_up().await?;
             if arrived {
@@ -190,44 +149,38 @@ impl Live {
     }
 
     /// Lets everything happen before `limit`, or what comes first of it: not for long at once. Says whether it was all.
-    async fn go(&mut self, limit: Limit) -> Result<bool, LiveError> {
+    async fn go(&mut self, limit: Limit) -> Result<bool, SessionError> {
         let mut lapse = Lapse::begin(AT_ONCE);
         loop {
-            while self.rig.step(limit).await? {
-                self.deliver()?;
-                // Whatever may end this must have its turn, even if all boards are in this process.
-                tokio::task::yield_now().await;
-                if lapse.is_over(Duration::ZERO) {
-                    return Ok(false);
-                }
-            }
-            self.deliver()?;
-            // The engine waits for whoever watches; having acted, go on.
-            if !core::mem::take(&mut self.acted) {
+            let happened = self.session.step(limit).await?;
+            let more = happened.more;
+            self.deliver(happened)?;
+            if !more {
                 return Ok(true);
+            }
+            // Whatever may end this must have its turn, even if all boards are in this process.
+            tokio::task::yield_now().await;
+            if lapse.is_over(Duration::ZERO) {
+                return Ok(false);
             }
         }
     }
 
-    /// Brings every board to `until`: everything before that has happened, and has been noted.
-    async fn settle(&mut self, until: Instant) -> Result<(), LiveError> {
-        loop {
-            self.rig.settle(until).await?;
-            self.deliver()?;
-            if !core::mem::take(&mut self.acted) {
-                return Ok(());
-            }
-        }
+    /// Brings every board to `until`: everything before that has happened, and has been delivered.
+    async fn settle(&mut self, until: Instant) -> Result<(), SessionError> {
+        let mut all = Vec::new();
+        self.session.settle(until, |happened| all.push(happened)).await?;
+        all.into_iter().try_for_each(|happened| self.deliver(happened))
     }
 
     /// Waits for something to do.
-    async fn wait(&mut self) -> Result<(), LiveError> {
+    async fn wait(&mut self) -> Result<(), SessionError> {
         let next = self.next_instant();
         let room = self.room();
         self.write_recording(self.brake.wall_until(next))?;
         tokio::select! {
             biased;
-            () = self.rig.news() => {}
+            () = self.session.rig_mut().news() => {}
             passed = self.brake.wait_past(next) => {
                 passed?;
                 self.check_pace(next);
@@ -243,14 +196,14 @@ impl Live {
 
     /// Lets the recording know that nothing happens for so long.
     fn write_recording(&mut self, wait: Duration) -> Result<(), RecordingError> {
-        self.recording.as_mut().map_or(Ok(()), |recording| recording.recorder.before_wait(wait))
+        self.session.recorder().map_or(Ok(()), |recorder| recorder.before_wait(wait))
     }
 
     /// How far to go at once: while something happens, no further than [`STRIDE`], as noise has no end; and while the
     /// UART has something to send, no further than to where it can want more after the next thing that happens. So a
     /// stream has no gap, however late this computer looks.
     fn slice(&self, allowed: Limit) -> Limit {
-        let engine = self.rig.engine();
+        let engine = self.session.rig().engine();
         let allowed = if engine.is_quiet() { allowed } else { allowed.earlier(Some(engine.frontier() + STRIDE)) };
         if self.queued == 0 || self.brake.pace() == Pace::Max {
             return allowed;
@@ -267,7 +220,7 @@ impl Live {
     }
 
     /// Takes what has come from the client meanwhile. It follows on what came before, if that is not all sent yet.
-    fn take_waiting(&mut self) -> Result<bool, LiveError> {
+    fn take_waiting(&mut self) -> Result<bool, SessionError> {
         let mut took = false;
         while let Some(event) = self.port.try_event(self.room())? {
             let at = if self.queued > 0 { self.now() } else { self.brake.now().unwrap_or(self.now()) };
@@ -278,7 +231,7 @@ impl Live {
     }
 
     fn hold_for_silence(&mut self) {
-        let engine = self.rig.engine();
+        let engine = self.session.rig().engine();
         self.brake.hold_for_silence(engine.silence(), engine.frontier());
     }
 
@@ -288,9 +241,9 @@ impl Live {
         }
     }
 
-    fn next_instant(&self) -> Instant {
-        let next = self.rig.engine().next_instant();
-        let next = self.faults.next().map_or(next, |worse| worse.min(next));
+    fn next_instant(&mut self) -> Instant {
+        let next = self.session.rig().engine().next_instant();
+        let next = self.session.faults().0.next().map_or(next, |worse| worse.min(next));
         if self.brake.pace() == Pace::Max { next } else { next.min(self.kept_up + self.keep_up_every()) }
     }
 
@@ -301,7 +254,7 @@ impl Live {
     /// How far time may go before boards that nothing reaches are brought up to date. Where it is not held back it goes
     /// so far as there is something to do, and where it stands still, as far as somebody has asked: then at once.
     fn keep_up_every(&self) -> Span {
-        let recorded = || self.recording.as_ref().and_then(|_| self.brake.span_of(RECORDED));
+        let recorded = || self.session.is_recorded().then(|| self.brake.span_of(RECORDED)).flatten();
         match self.is_watched() {
             true => self.brake.span_of(WATCHED).unwrap_or(Span::from_nanos(1)),
             false => recorded().map_or(KEEP_UP, |span| span.min(KEEP_UP)),
@@ -309,7 +262,7 @@ impl Live {
     }
 
     /// Brings every board to where time is, if that is due, and tells those who watch what has happened before.
-    async fn keep_up(&mut self) -> Result<(), LiveError> {
+    async fn keep_up(&mut self) -> Result<(), SessionError> {
         let now = self.now();
         if now < self.kept_up + self.keep_up_every() {
             return Ok(());
@@ -340,48 +293,29 @@ impl Live {
         }
     }
 
-    /// What has happened since the last call, logged and recorded.
-    fn note(&mut self) -> Result<Vec<Fact>, RecordingError> {
-        for incident in self.rig.take_incidents() {
-            log::set_time(incident.at);
-            tracing::warn!("{incident}");
-        }
-        let (inputs, facts) = (self.rig.take_inputs(), self.rig.take_facts());
-        for Input { at, what, .. } in &inputs {
-            if matches!(what, What::Stimulus { board, stimulus: Stimulus::Power(_) } if *board == self.rig.pc()) {
+    /// Tells those who watch what has happened, and hands the client what has come for it.
+    fn deliver(&mut self, happened: Happened) -> Result<(), SessionError> {
+        let pc = self.rig().pc();
+        for Input { at, what, .. } in &happened.inputs {
+            if matches!(what, What::Stimulus { board, stimulus: Stimulus::Power(_) } if *board == pc) {
                 self.supply.push(*at);
             }
         }
-        facts.iter().for_each(|fact| log::log(&self.rig, fact));
-        if let Some(Recording { recorder, digest, .. }) = &mut self.recording {
-            facts.iter().for_each(|fact| digest.add(fact));
-            recorder.note(&inputs, &facts, self.rig.engine().frontier())?;
-        }
         if let Some(steering) = &mut self.steering {
-            steering.note(&inputs, &facts);
+            steering.note(&happened.inputs, &happened.facts);
         }
-        let Looked { seen, begun } = self.onlooker.look(&mut self.rig, &mut self.faults, &facts);
-        self.acted |= seen;
-        begun.iter().for_each(|(name, since)| log::begun(name, *since));
-        Ok(facts)
-    }
-
-    /// Hands the client what has come for it.
-    fn deliver(&mut self) -> Result<(), LiveError> {
+        for fact in &happened.facts {
+            if let Fact::Telemetry { node, signal: STOPPED, value, .. } = fact
+                && *node == pc
+            {
+                self.held = *value != 0;
+            }
+        }
         let mut received = Vec::new();
-        for fact in self.note()? {
-            let event = match fact {
-                Fact::Event { node, event, value, .. } if node == self.rig.pc() => PcEvent::from_numbers(event, value),
-                Fact::Telemetry { node, signal: STOPPED, value, .. } if node == self.rig.pc() => {
-                    self.held = value != 0;
-                    None
-                }
-                _ => None,
-            };
-            match event {
-                Some(PcEvent::Sent(_)) => self.queued = self.queued.saturating_sub(1),
-                Some(PcEvent::Received(byte) | PcEvent::Garbled(byte)) => received.push(byte),
-                None => {}
+        for (_, exchange) in &happened.pc {
+            match exchange {
+                Exchange::Sent(..) => self.queued = self.queued.saturating_sub(1),
+                Exchange::Received(byte, _) | Exchange::Garbled(byte) => received.push(*byte),
             }
         }
         if received.is_empty() {
@@ -398,10 +332,10 @@ impl Live {
 
     /// How far time has gone; what comes from the client follows on that.
     fn now(&self) -> Instant {
-        if self.reached.is_never() { self.rig.engine().frontier() } else { self.reached }
+        if self.reached.is_never() { self.session.rig().engine().frontier() } else { self.reached }
     }
 
-    fn take(&mut self, event: PortEvent, at: Instant) -> Result<(), LiveError> {
+    fn take(&mut self, event: PortEvent, at: Instant) -> Result<(), SessionError> {
         log::set_time(at);
         self.began &= !matches!(event, PortEvent::Opened | PortEvent::Closed);
         self.configure(at)?;
@@ -424,7 +358,7 @@ impl Live {
 
     /// A client writes for the first time. If the one before has left the UART held, neither its hold nor what it could
     /// not send is this one's.
-    fn begin(&mut self, at: Instant) -> Result<(), LiveError> {
+    fn begin(&mut self, at: Instant) -> Result<(), SessionError> {
         self.began = true;
         if core::mem::take(&mut self.held) {
             let left = self.port.forget_leftover() + self.queued;
@@ -441,7 +375,7 @@ impl Live {
     }
 
     /// Sets the UART to what the client has set. What the one before has left is still sent as that one wanted.
-    fn configure(&mut self, at: Instant) -> Result<(), LiveError> {
+    fn configure(&mut self, at: Instant) -> Result<(), SessionError> {
         if self.port.leftover() > 0 || (!self.began && self.queued > 0) {
             return Ok(());
         }
@@ -456,7 +390,7 @@ impl Live {
     }
 
     fn stimulate(&mut self, at: Instant, stimulus: Stimulus) {
-        let pc = self.rig.pc();
-        self.rig.stimulate(pc, at, stimulus);
+        let pc = self.rig().pc();
+        self.session.stimulate(pc, at, stimulus);
     }
 }

@@ -4,12 +4,11 @@ use serde::Serialize;
 use torno_protocol::board::Stimulus;
 use torno_protocol::time::Instant;
 
-use super::{Live, LiveError};
+use super::Live;
 use crate::control::{Answer, Begun, BoardState, Call, Control, Done, FaultState, Form, Request, Rows, State};
 use crate::fault::{Planned, RawFault};
-use crate::observe::{Telemetry, log};
 use crate::pace::Pace;
-use crate::rig::Rig;
+use crate::session::{EndedBoard, SessionError};
 use torno_bus::Names;
 use torno_engine::{Fact, Input, What};
 use torno_text::{Complaint, Dice, nearest, of_toml, parse_span};
@@ -22,7 +21,6 @@ pub(super) struct Steering {
     pub(super) control: Control,
     header: Header,
     names: Names,
-    telemetry: Telemetry,
     watchers: Vec<Watcher>,
     /// The speed and the oscillators that have been set: who begins to watch must know them.
     tuned: Vec<Input>,
@@ -43,14 +41,12 @@ struct Watcher {
 type Refused = String;
 
 impl Steering {
-    pub(super) fn new(control: Control, header: Header, names: Names, rig: &Rig) -> Self {
-        let telemetry = Telemetry::new(rig);
-        Self { control, header, names, telemetry, watchers: Vec::new(), tuned: Vec::new(), stepping: None, asked: 0 }
+    pub(super) fn new(control: Control, header: Header, names: Names) -> Self {
+        Self { control, header, names, watchers: Vec::new(), tuned: Vec::new(), stepping: None, asked: 0 }
     }
 
     /// Takes note of what came from outside and of what happened.
     pub(super) fn note(&mut self, inputs: &[Input], facts: &[Fact]) {
-        facts.iter().for_each(|fact| self.telemetry.add(fact));
         for input in inputs {
             if let What::Stimulus { board, stimulus: Stimulus::Configure { .. } | Stimulus::Clock(_) } = input.what {
                 // A UART takes no `Clock` from outside, so there is one input a board at the most.
@@ -123,7 +119,7 @@ fn give<T: Serialize>(answer: Answer, result: Result<T, Refused>) {
 
 impl Live {
     /// Does what is asked.
-    pub(super) async fn obey(&mut self, call: Call) -> Result<(), LiveError> {
+    pub(super) async fn obey(&mut self, call: Call) -> Result<(), SessionError> {
         let Call { request, answer, rows } = call;
         let now = self.now();
         match request {
@@ -133,8 +129,8 @@ impl Live {
             }
             Request::Fault { fault } => {
                 // It may wait for what holds already.
-                self.rig.catch_up(now).await?;
-                self.deliver()?;
+                let happened = self.session.catch_up(now).await?;
+                self.deliver(happened)?;
                 give(answer, self.break_it(&fault, now));
             }
             Request::Heal { name } => give(answer, self.heal(&name, now)),
@@ -198,28 +194,29 @@ impl Live {
         let planned = raw.plan(&steering.names, &mut Dice::new(steering.asked)).map_err(invalid)?;
         steering.asked += 1;
         let name = planned.fault.name.clone();
-        if self.faults.active(&mut self.rig, now).any(|(other, ..)| other == name) {
+        let (faults, rig) = self.session.faults();
+        if faults.active(rig, now).any(|(other, ..)| other == name) {
             return Err(format!("there is a fault '{name}' already: heal it, or give this one another name"));
         }
-        let value = |node: usize, signal: u8| steering.telemetry.values(node)[usize::from(signal)];
-        let since = self.faults.plan(&mut self.rig, &planned, now, value);
+        let since = self.session.plan_one(&planned, now);
         Ok(Begun { name, since: since.map(Instant::as_nanos) })
     }
 
     fn heal(&mut self, name: &str, now: Instant) -> Result<Done, Refused> {
-        if self.faults.disarm(&mut self.rig, name) {
+        let (faults, rig) = self.session.faults();
+        if faults.disarm(rig, name) {
             return Ok(done(now));
         }
-        let healed = self.faults.heal(&mut self.rig, name, now);
+        let healed = faults.heal(rig, name, now);
         healed.map(done).map_err(|error| format!("the fault '{name}': {error}"))
     }
 
     fn power(&mut self, board: &str, on: bool, now: Instant) -> Result<Done, Refused> {
-        let boards: Vec<&str> = self.rig.nodes().iter().map(|node| node.name.as_str()).collect();
+        let boards: Vec<&str> = self.rig().nodes().iter().map(|node| node.name.as_str()).collect();
         let Some(place) = boards.iter().position(|name| *name == board) else {
             return Err(format!("there is no board '{board}'{}", nearest(board, &boards)));
         };
-        Ok(done(self.rig.stimulate(place, now, Stimulus::Power(on))))
+        Ok(done(self.session.stimulate(place, now, Stimulus::Power(on))))
     }
 
     fn state(&mut self, now: Instant) -> Result<State, Refused> {
@@ -229,43 +226,42 @@ impl Live {
             since: since.map(nanos),
             until: until.map(nanos),
         };
-        let faults = self.faults.active(&mut self.rig, now).map(fault).collect();
+        let (faults, rig) = self.session.faults();
+        let faults = faults.active(rig, now).map(fault).collect();
         let Some(steering) = &self.steering else { return Err(String::new()) };
-        let board = |(id, node): (usize, &crate::rig::Node)| BoardState {
-            name: node.name.clone(),
-            pid: node.pid.unwrap_or_else(std::process::id),
-            process: self.rig.engine().life(id).to_string(),
-            waits_for: self.rig.waits_for(id, &steering.telemetry.values(id)),
-            telemetry: steering.telemetry.of(id),
+        let processes = |name: &str| {
+            let place = self.rig().layout().board(name).unwrap_or_default();
+            self.rig().engine().life(place).to_string()
+        };
+        let board = |board: EndedBoard| BoardState {
+            process: processes(&board.name),
+            name: board.name,
+            pid: board.pid,
+            waits_for: board.waits_for,
+            telemetry: board.telemetry,
         };
         Ok(State {
             rig: steering.header.rig.clone(),
             ns: now.as_nanos(),
             pace: self.brake.pace().to_string(),
             paused: self.brake.paused().is_some(),
-            boards: self.rig.nodes().iter().enumerate().map(board).collect(),
+            boards: self.session.nodes().into_iter().map(board).collect(),
             faults,
         })
     }
 
     /// Takes faults that begin by themselves, for a rig that does not run yet.
     pub fn plan(&mut self, planned: &[Planned]) {
-        let begun = self.onlooker.plan(&mut self.rig, &mut self.faults, planned);
-        begun.iter().for_each(|(name, since)| log::begun(name, *since));
-    }
-
-    /// The faults that have broken nothing so far.
-    pub fn unfired(&mut self) -> Vec<String> {
-        self.faults.unfired(&mut self.rig)
+        self.session.plan(planned);
     }
 
     /// Lets the rig be steered from outside. For a rig that does not run yet.
     pub fn steer(&mut self, control: Control, header: Header, names: Names) {
-        self.steering = Some(Steering::new(control, header, names, &self.rig));
+        self.steering = Some(Steering::new(control, header, names));
     }
 
     /// Does all that has been asked meanwhile. Says whether anything was.
-    pub(super) async fn obey_all(&mut self) -> Result<bool, LiveError> {
+    pub(super) async fn obey_all(&mut self) -> Result<bool, SessionError> {
         let mut obeyed = false;
         while let Some(call) = self.steering.as_mut().and_then(|steering| steering.control.try_call()) {
             self.obey(call).await?;

@@ -26,6 +26,11 @@ impl Telemetry {
         }
     }
 
+    /// The value of a board's quantity.
+    pub fn value(&self, node: NodeId, signal: u8) -> i64 {
+        self.nodes[node].get(usize::from(signal)).map_or(0, |(_, value)| *value)
+    }
+
     /// The values of a board's quantities, in the order of its description.
     pub fn values(&self, node: NodeId) -> Vec<i64> {
         self.nodes[node].iter().map(|(_, value)| *value).collect()

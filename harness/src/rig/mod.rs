@@ -128,6 +128,9 @@ pub enum RigError {
     /// The system refuses something.
     #[error("cannot watch the boards' processes")]
     System(#[from] io::Error),
+    /// Something outside this process is waited for where nothing should be.
+    #[error("a rig whose boards are all in this process waits for something")]
+    Waits,
 }
 
 enum Seat {
@@ -176,7 +179,8 @@ pub struct Rig {
     nodes: Vec<Node>,
     layout: Layout,
     pc: NodeId,
-    children: Signal,
+    /// Tells of the boards' processes, if there are any.
+    children: Option<Signal>,
     /// There has been news of the processes that is not noted yet.
     news: bool,
     incidents: Vec<Incident>,
@@ -196,7 +200,10 @@ impl Rig {
         P: PcProgram + Send + 'static,
     {
         // Before the first process, so that no news of one is missed.
-        let children = signal(SignalKind::child())?;
+        let children = match driver {
+            Driver::Processes { .. } => Some(signal(SignalKind::child())?),
+            Driver::InProcess => None,
+        };
         let mut rig = Self {
             engine: Engine::new(),
             nodes: Vec::new(),
@@ -462,14 +469,18 @@ impl Rig {
     /// of it, so that what became of a process is dated when it was learned. Cancel-safe.
     pub async fn news(&mut self) {
         if !self.news {
-            self.children.recv().await;
+            match &mut self.children {
+                Some(children) => children.recv().await,
+                None => std::future::pending().await,
+            };
             self.news = true;
         }
     }
 
     /// Whether there has been news of the processes since the last call.
     async fn has_news(&mut self) -> bool {
-        let come = poll_fn(|context| Poll::Ready(self.children.poll_recv(context).is_ready())).await;
+        let Some(children) = &mut self.children else { return false };
+        let come = poll_fn(|context| Poll::Ready(children.poll_recv(context).is_ready())).await;
         core::mem::take(&mut self.news) || come
     }
 
@@ -505,7 +516,8 @@ impl Rig {
         while self.engine.is_waiting() {
             self.lap();
             let happened = poll_fn(|context| {
-                if core::mem::take(&mut self.news) || self.children.poll_recv(context).is_ready() {
+                let children = self.children.as_mut();
+                if core::mem::take(&mut self.news) || children.is_some_and(|c| c.poll_recv(context).is_ready()) {
                     return Poll::Ready(Happened::News);
                 }
                 for (id, node) in self.nodes.iter_mut().enumerate() {

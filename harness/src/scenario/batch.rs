@@ -5,9 +5,10 @@ use std::sync::PoisonError;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::{Scenario, record};
-use crate::recorder::{Recorder, SessionError};
+use crate::recorder::Recorder;
 use crate::report::Tested;
 use crate::rig::{Driver, RigError};
+use crate::session::SessionError;
 
 /// Runs all, `jobs` at once; `done` hears how many are. The results are in the order of the scenarios, which come with
 /// their files' names.

@@ -7,13 +7,12 @@ use torno_protocol::time::{Instant, Span};
 
 use super::{Action, Failure, Scenario, Step};
 use crate::condition::{Claim, Condition, is_reply};
-use crate::fault::{Fault, Faults};
-use crate::recorder::{Recorder, SessionError};
+use crate::fault::Fault;
+use crate::recorder::Recorder;
 use crate::rig::{Driver, Rig};
-use torno_bus::{PcEvent, Replies};
+use crate::session::{Exchange, Happened, Session, SessionError};
 use torno_engine::{Fact, Hit, Limit, NodeId, REACTION, WatchId};
 use torno_machines::workpiece::ToolPath;
-use torno_trace::{Digest, Sum};
 
 /// The first step takes place so long after the rig has started.
 const BEGIN: Span = Span::from_millis(10);
@@ -28,7 +27,7 @@ pub struct Outcome {
     /// What did not hold; nothing, if it passed.
     pub failures: Vec<Failure>,
     /// The digest of everything that happened.
-    pub digest: Sum,
+    pub digest: String,
     /// The virtual time it took.
     pub end: Instant,
     /// What the PC heard.
@@ -65,8 +64,11 @@ async fn conduct(
     recorder: Option<Recorder>,
     slice: Option<Span>,
 ) -> Result<Outcome, SessionError> {
-    let rig = Rig::start(&scenario.file, driver, scenario.file.uart()).await?;
-    let mut conductor = Conductor { slice, ..Conductor::new(scenario, rig, recorder) };
+    let mut session = Session::start(&scenario.file, driver, scenario.file.uart()).await?.quiet();
+    if let Some(recorder) = recorder {
+        session.record(recorder);
+    }
+    let mut conductor = Conductor { slice, ..Conductor::new(scenario, session) };
     conductor.begin();
     for (number, step) in scenario.steps.iter().enumerate() {
         if let Err(failure) = conductor.step(number, step).await? {
@@ -79,19 +81,14 @@ async fn conduct(
 
 struct Conductor<'a> {
     scenario: &'a Scenario,
-    rig: Rig,
-    recorder: Option<Recorder>,
-    digest: Digest,
+    session: Session,
     /// The way of the tool, if something is expected of the part.
     path: Option<ToolPath>,
-    /// The last value of each quantity of each board.
-    values: Vec<Vec<i64>>,
     /// What the PC has heard.
-    replies: Replies,
+    replies: Vec<String>,
     context: VecDeque<(Instant, String)>,
     /// Everything before this has happened, and the next step takes place here.
     now: Instant,
-    faults: Faults,
     /// Characters that must not come.
     forbidden: Vec<Forbidden>,
     failures: Vec<Failure>,
@@ -112,19 +109,18 @@ struct Forbidden {
 type Stepped = Result<Result<(), Box<Failure>>, SessionError>;
 
 impl<'a> Conductor<'a> {
-    fn new(scenario: &'a Scenario, rig: Rig, recorder: Option<Recorder>) -> Self {
-        let initial = |node: &crate::rig::Node| node.description.signals.iter().map(|signal| signal.initial).collect();
+    const fn rig(&self) -> &Rig {
+        self.session.rig()
+    }
+
+    fn new(scenario: &'a Scenario, session: Session) -> Self {
         Self {
             scenario,
-            digest: Digest::new(rig.layout()),
+            session,
             path: scenario.part.as_ref().map(|expected| ToolPath::new(&expected.part)),
-            values: rig.nodes().iter().map(initial).collect(),
-            rig,
-            recorder,
-            replies: Replies::new(scenario.file.dialect),
+            replies: Vec::new(),
             context: VecDeque::new(),
             now: Instant::START + BEGIN,
-            faults: Faults::default(),
             forbidden: Vec::new(),
             failures: Vec::new(),
             slice: None,
@@ -135,30 +131,27 @@ impl<'a> Conductor<'a> {
     fn begin(&mut self) {
         let ixon = self.scenario.held;
         let configure = Stimulus::Configure { baud: self.scenario.file.pc.baud, ixon };
-        let pc = self.rig.pc();
-        self.rig.stimulate(pc, Instant::START.next(), configure);
+        let pc = self.rig().pc();
+        self.session.stimulate(pc, Instant::START.next(), configure);
         let scenario = self.scenario;
-        for planned in &scenario.faults {
-            let value = |node: NodeId, signal: u8| self.values[node][usize::from(signal)];
-            if let Some(since) = self.faults.plan(&mut self.rig, planned, Instant::START, value) {
-                self.note_begun([(planned.fault.name.clone(), since)]);
-            }
-        }
+        let begun = self.session.plan(&scenario.faults);
+        self.note_begun(begun);
         for (never, condition) in scenario.never.iter().enumerate() {
             if let Condition::Character { nth, .. } = condition {
-                let watch = self.rig.watch(condition.watch(pc));
+                let watch = self.session.rig_mut().watch(condition.watch(pc));
                 self.forbidden.push(Forbidden { watch, never, left: *nth });
             }
         }
-        for node in 0..self.values.len() {
-            for signal in 0..self.values[node].len() {
-                self.check_value(node, Instant::START, signal as u8, self.values[node][signal]);
+        for node in 0..self.rig().nodes().len() {
+            for (signal, value) in self.session.telemetry().values(node).into_iter().enumerate() {
+                self.check_value(node, Instant::START, signal as u8, value);
             }
         }
     }
 
     fn break_it(&mut self, fault: &Fault) {
-        let since = self.faults.begin(&mut self.rig, fault, self.now);
+        let (faults, rig) = self.session.faults();
+        let since = faults.begin(rig, fault, self.now);
         self.note_begun([(fault.name.clone(), since)]);
     }
 
@@ -169,8 +162,8 @@ impl<'a> Conductor<'a> {
     async fn step(&mut self, number: usize, step: &Step) -> Stepped {
         match &step.action {
             Action::Send(bytes) => {
-                let pc = self.rig.pc();
-                self.rig.stimulate(pc, self.now, Stimulus::Write(bytes.clone()));
+                let pc = self.rig().pc();
+                self.session.stimulate(pc, self.now, Stimulus::Write(bytes.clone()));
             }
             Action::Run(span) => {
                 let until = self.now + *span;
@@ -181,7 +174,8 @@ impl<'a> Conductor<'a> {
             Action::Break(fault) => self.break_it(fault),
             Action::Heal(name) => {
                 self.advance(self.now, None).await?;
-                if let Err(error) = self.faults.heal(&mut self.rig, name, self.now) {
+                let (faults, rig) = self.session.faults();
+                if let Err(error) = faults.heal(rig, name, self.now) {
                     let expected = format!("the fault '{name}'");
                     return Ok(Err(self.failure(Some((number, step)), &expected, error.to_string(), None)));
                 }
@@ -205,10 +199,11 @@ impl<'a> Conductor<'a> {
                 return Ok(Ok(()));
             }
         }
-        let heard = self.replies.count();
-        let watch = self.rig.watch(condition.watch(self.rig.pc()));
+        let heard = self.replies.len();
+        let pc = self.rig().pc();
+        let watch = self.session.rig_mut().watch(condition.watch(pc));
         let happened = self.advance(deadline, Some((watch, condition))).await?;
-        self.rig.unwatch(watch);
+        self.session.rig_mut().unwatch(watch);
         match happened {
             Some(at) => {
                 self.now = at;
@@ -218,8 +213,8 @@ impl<'a> Conductor<'a> {
                 self.catch_up(deadline).await?;
                 self.now = deadline;
                 let (came, node) = match condition {
-                    Condition::Reply(_) if self.replies.count() == heard => ("no reply".to_owned(), None),
-                    Condition::Reply(_) => (self.replies.from(heard).collect::<Vec<_>>().join(" "), None),
+                    Condition::Reply(_) if self.replies.len() == heard => ("no reply".to_owned(), None),
+                    Condition::Reply(_) => (self.replies[heard..].join(" "), None),
                     Condition::Value(claim) => (self.contradicts(claim).unwrap_or_default(), Some(claim.node)),
                     Condition::Event { node, .. } | Condition::Character { node, .. } => {
                         ("nothing of the kind".to_owned(), Some(*node))
@@ -233,7 +228,7 @@ impl<'a> Conductor<'a> {
 
     /// What contradicts a claim.
     fn contradicts(&self, claim: &Claim) -> Option<String> {
-        let value = self.values[claim.node][usize::from(claim.signal)];
+        let value = self.session.telemetry().value(claim.node, claim.signal);
         (!claim.holds(value)).then(|| format!("{} = {value}", claim.name))
     }
 
@@ -245,73 +240,59 @@ impl<'a> Conductor<'a> {
     ) -> Result<Option<Instant>, SessionError> {
         let mut count = awaited.map_or(0, |(_, condition)| condition.occurrences());
         loop {
-            let worse = self.faults.next().filter(|next| *next < until);
-            let limit = worse.unwrap_or(until);
-            if let Some(slice) = self.slice {
-                let part = self.rig.engine().frontier() + slice;
-                self.rig.step(Limit::until(part.min(limit))).await?;
-            }
-            let more = self.rig.step(Limit::until(limit)).await?;
-            self.note_facts()?;
-            let hits = self.rig.take_hits();
-            if hits.is_empty() && !more {
-                let Some(worse) = worse else { return Ok(None) };
-                let begun = self.faults.go_on(&mut self.rig, worse);
-                self.note_begun(begun);
-                continue;
-            }
-            let mut happened = None;
+            let part = self.slice.map(|slice| self.rig().engine().frontier() + slice);
+            let happened = self.session.step(Limit::until(until).earlier(part)).await?;
+            let more = happened.more || part.is_some_and(|part| part < until);
+            let hits = self.take_note(happened);
+            let mut met = None;
             for hit in hits {
-                let begun = self.faults.see(&mut self.rig, hit, &self.replies);
-                self.note_begun(begun);
                 self.check_forbidden(hit);
                 if let Some((_, condition)) = awaited.filter(|(watch, _)| *watch == hit.watch)
-                    && happened.is_none()
-                    && condition.is_met(&self.replies, hit.at)
+                    && met.is_none()
+                    && condition.is_met(self.session.replies(), hit.at)
                 {
                     count -= 1;
-                    happened = (count == 0).then_some(hit.at + REACTION);
+                    met = (count == 0).then_some(hit.at + REACTION);
                 }
             }
-            if happened.is_some() {
-                return Ok(happened);
+            if met.is_some() || !more {
+                return Ok(met);
             }
         }
     }
 
     /// Brings every board's quantities up to `at`, mute or not.
     async fn catch_up(&mut self, at: Instant) -> Result<(), SessionError> {
-        self.advance(at, None).await?;
-        self.rig.settle(at).await?;
-        self.note_facts()
+        let mut all = Vec::new();
+        self.session.settle(at, |happened| all.push(happened)).await?;
+        for happened in all {
+            let hits = self.take_note(happened);
+            hits.into_iter().for_each(|hit| self.check_forbidden(hit));
+        }
+        Ok(())
     }
 
-    fn note_facts(&mut self) -> Result<(), SessionError> {
-        let facts = self.rig.take_facts();
-        self.take_note(facts, self.rig.engine().frontier())
-    }
-
-    fn take_note(&mut self, facts: Vec<Fact>, settled: Instant) -> Result<(), SessionError> {
-        let inputs = self.rig.take_inputs();
-        if let Some(recorder) = &mut self.recorder {
-            recorder.note(&inputs, &facts, settled)?;
+    /// Takes note of what has happened. Gives what watches have seen.
+    fn take_note(&mut self, happened: Happened) -> Vec<Hit> {
+        let Happened { facts, hits, begun, pc, incidents, .. } = happened;
+        for incident in incidents {
+            self.note(incident.at, &incident.to_string());
+        }
+        self.note_begun(begun);
+        for (at, exchange) in pc {
+            self.note_pc(at, exchange);
         }
         for fact in facts {
-            self.digest.add(&fact);
             if let Some(path) = &mut self.path {
                 path.add(&fact);
             }
             match fact {
-                Fact::Telemetry { node, at, signal, value } => {
-                    self.values[node][usize::from(signal)] = value;
-                    self.check_value(node, at, signal, value);
-                }
-                Fact::Event { node, at, event, value } if node == self.rig.pc() => {
-                    self.note_pc(at, PcEvent::from_numbers(event, value));
-                }
+                Fact::Telemetry { node, at, signal, value } => self.check_value(node, at, signal, value),
+                Fact::Event { node, .. } if node == self.rig().pc() => {}
                 Fact::Event { node, at, event, value } => {
-                    let text = &self.rig.nodes()[node].description.events[usize::from(event)];
-                    let line = format!("{}: {}", self.rig.nodes()[node].name, event_text(text, value));
+                    let node_of = &self.rig().nodes()[node];
+                    let text = node_of.description.events.get(usize::from(event)).map_or("?", String::as_str);
+                    let line = format!("{}: {}", node_of.name, event_text(text, value));
                     self.note(at, &line);
                     let is = |n: NodeId, e: u8| (n, e) == (node, event);
                     self.check_never(
@@ -323,29 +304,27 @@ impl<'a> Conductor<'a> {
                 Fact::Edges { .. } => {}
             }
         }
-        Ok(())
+        hits
     }
 
-    fn note_pc(&mut self, at: Instant, event: Option<PcEvent>) {
-        match event {
-            Some(PcEvent::Sent(byte)) => {
-                for text in self.replies.send(at, byte) {
-                    self.note(at, &format!("pc sends {text}"));
-                }
+    fn note_pc(&mut self, at: Instant, exchange: Exchange) {
+        match exchange {
+            Exchange::Sent(_, texts) => {
+                texts.iter().for_each(|text| self.note(at, &format!("pc sends {text}")));
             }
-            Some(PcEvent::Received(byte)) => {
-                for reply in self.replies.hear(at, byte) {
+            Exchange::Received(_, replies) => {
+                for reply in replies {
                     self.note(at, &format!("pc hears {}", reply.text));
-                    let pc = self.rig.pc();
+                    let pc = self.rig().pc();
                     self.check_never(
                         at,
                         pc,
                         |never| matches!(never, Condition::Reply(expected) if is_reply(&reply.code, expected)),
                     );
+                    self.replies.push(reply.code);
                 }
             }
-            Some(PcEvent::Garbled(byte)) => self.note(at, &format!("pc hears a garbled {byte:02X}")),
-            None => {}
+            Exchange::Garbled(byte) => self.note(at, &format!("pc hears a garbled {byte:02X}")),
         }
     }
 
@@ -369,7 +348,7 @@ impl<'a> Conductor<'a> {
             && let never @ Condition::Character { node, .. } = &scenario.never[forbidden.never]
         {
             let watch = forbidden.watch;
-            self.rig.unwatch(watch);
+            self.session.rig_mut().unwatch(watch);
             self.violated(hit.at, &format!("never {never}"), "it happened".to_owned(), *node);
         }
     }
@@ -401,7 +380,7 @@ impl<'a> Conductor<'a> {
             expected: expected.to_owned(),
             came,
             at: self.now,
-            board: node.map(|node| self.rig.nodes()[node].name.clone()),
+            board: node.map(|node| self.rig().nodes()[node].name.clone()),
             context: self.context(self.now).collect(),
         })
     }
@@ -431,35 +410,25 @@ impl<'a> Conductor<'a> {
             self.check_end();
         }
         self.check_part(passed);
-        let digest = self.digest.sum();
-        if let Some(recorder) = &mut self.recorder {
-            let outcome = if self.failures.is_empty() { "passed" } else { "failed" };
-            let at = end - Span::from_nanos(1);
-            recorder.finish(&torno_trace::End { digest: digest.to_string(), at, outcome: outcome.to_owned() })?;
-        }
-        let replies = self.replies.from(0).map(str::to_owned).collect();
-        Ok(Outcome { failures: self.failures, digest, end, replies })
+        let outcome = if self.failures.is_empty() { "passed" } else { "failed" };
+        let ended = self.session.close(end, outcome)?;
+        Ok(Outcome { failures: self.failures, digest: ended.end.digest, end, replies: self.replies })
     }
 
     /// When the scenario is over, if the rig is quiet.
-    fn quiet_end(&self) -> Option<Instant> {
-        let engine = self.rig.engine();
-        (engine.is_quiet() && self.faults.next_turn().is_none()).then(|| engine.quiet_since().next().max(self.now))
+    fn quiet_end(&mut self) -> Option<Instant> {
+        let over = self.session.faults().0.next_turn().is_none();
+        let engine = self.rig().engine();
+        (engine.is_quiet() && over).then(|| engine.quiet_since().next().max(self.now))
     }
 
     /// Lets everything happen until the rig is quiet, but nothing after `limit`. Says when that is.
     async fn fall_quiet(&mut self, limit: Instant) -> Result<Instant, SessionError> {
         let limit = limit.max(self.now);
-        if self.rig.engine().is_undisturbed() && self.faults.next().is_none() && self.slice.is_none() {
-            // Nobody has to be asked on the way whether it is over.
-            while !self.rig.engine().is_quiet() && self.rig.step(Limit::until(limit)).await? {}
-            let quiet = self.quiet_end().map(|end| end.min(limit));
-            let end = quiet.unwrap_or(limit);
-            // Boards that are mute may have told more of themselves than the scenario lasts.
-            let mut facts = self.rig.take_facts();
-            facts.retain(|fact| fact.at() < end);
-            self.take_note(facts, end)?;
-            if quiet.is_some() {
+        if self.rig().engine().is_undisturbed() && self.session.faults().0.next().is_none() && self.slice.is_none() {
+            let (happened, quiet) = self.session.fall_quiet(self.now, limit).await?;
+            self.take_note(happened);
+            if let Some(end) = quiet {
                 return Ok(end);
             }
         }
@@ -472,7 +441,8 @@ impl<'a> Conductor<'a> {
                 return Ok(limit);
             }
             // As far as the next thing that happens, and no further: a watched board that is mute is never at an end.
-            let next = self.rig.engine().next_instant().min(self.faults.next_turn().unwrap_or(Instant::NEVER));
+            let turn = self.session.faults().0.next_turn().unwrap_or(Instant::NEVER);
+            let next = self.rig().engine().next_instant().min(turn);
             self.now = limit.min(next.next().max(self.now.next()));
         }
     }
@@ -501,7 +471,7 @@ impl<'a> Conductor<'a> {
     fn check_end(&mut self) {
         let scenario = self.scenario;
         if let Some(expected) = &scenario.replies {
-            let came: Vec<&str> = self.replies.from(0).collect();
+            let came: Vec<&str> = self.replies.iter().map(String::as_str).collect();
             let alike = |(came, expected): (&&str, &String)| is_reply(came, expected);
             if expected.len() != came.len() || !came.iter().zip(expected).all(alike) {
                 let failure = self.failure(None, &format!("the replies {}", expected.join(" ")), came.join(" "), None);
@@ -514,7 +484,7 @@ impl<'a> Conductor<'a> {
                 self.failures.push(*failure);
             }
         }
-        for name in self.faults.unfired(&mut self.rig) {
+        for name in self.session.unfired() {
             let failure = self.failure(None, &format!("the fault '{name}'"), "it never fired".to_owned(), None);
             self.failures.push(*failure);
         }

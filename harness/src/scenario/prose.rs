@@ -19,9 +19,9 @@
 use toml::{Table, Value};
 
 use super::{Outcome, Scenario, ScenarioError, run_all};
-use crate::recorder::SessionError;
 use crate::report::{Tested, seed_text};
 use crate::rig::Driver;
+use crate::session::SessionError;
 
 /// A scenario that is being written.
 #[derive(Clone, Debug)]

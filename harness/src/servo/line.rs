@@ -1,24 +1,21 @@
 //! The serial line to the controller: of a rig, in virtual time, or of this computer.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::VecDeque;
 use std::io;
 use std::time::Duration;
 
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio_serial::{ClearBuffer, SerialPort, SerialPortBuilderExt, SerialStream};
+use torno_engine::Fact;
 use torno_protocol::board::Stimulus;
 use torno_protocol::servo::{BAUD, CHARACTER};
 use torno_protocol::time::{Instant, Span};
 
-use crate::observe::{Telemetry, log};
-use crate::pace::{Brake, Pace};
-use crate::recorder::{Recorder, RecordingError};
+use crate::pace::Pace;
+use crate::rig::Driver;
 use crate::rig::file::RigFile;
-use crate::rig::{Driver, Node, Rig, RigError};
 use crate::send::SendError;
-use torno_bus::{PcEvent, PcUart};
-use torno_engine::{Fact, Limit};
-use torno_trace::{Digest, End, Header, Trace};
+use crate::session::{Ended, Exchange, Happened, Session, SessionError};
 
 /// Virtual time goes no further at once while an answer is awaited.
 const SLICE: Span = Span::from_millis(20);
@@ -37,12 +34,9 @@ pub enum LineError {
     /// The serial port.
     #[error(transparent)]
     Serial(#[from] SendError),
-    /// The rig broke.
+    /// The rig broke, or what happens in it cannot be recorded any more.
     #[error(transparent)]
-    Rig(#[from] RigError),
-    /// What happens in the rig cannot be recorded any more.
-    #[error(transparent)]
-    Recording(#[from] RecordingError),
+    Session(#[from] SessionError),
 }
 
 /// A serial line as seen from the PC.
@@ -62,14 +56,9 @@ pub trait Line {
 
 /// The line of a rig, in virtual time.
 pub struct RigLine {
-    rig: Rig,
+    session: Session,
     name: String,
     now: Instant,
-    brake: Brake,
-    digest: Digest,
-    telemetry: Telemetry,
-    recorder: Option<Recorder>,
-    trace: Option<Trace>,
     /// Bytes of the PC that are not on the line yet.
     queued: usize,
     received: VecDeque<u8>,
@@ -80,77 +69,39 @@ pub struct RigLine {
 /// Hears of every value that a board tells: when, the board, the quantity, the value.
 pub type Watcher = Box<dyn FnMut(Instant, &str, &str, i64)>;
 
-/// What is left of a rig at whose line nobody is any more.
-#[derive(Clone, Debug)]
-pub struct Left {
-    /// The digest of everything that happened, when it ended, and how.
-    pub end: End,
-    /// The boards: name, process (its own or this one), last value of each quantity.
-    pub boards: Vec<(String, u32, BTreeMap<String, i64>)>,
-    /// Everything that happened, if it was to be kept.
-    pub trace: Option<Trace>,
-}
-
 impl RigLine {
     /// Starts a rig that goes as fast as it can.
     ///
     /// # Errors
-    /// [`LineError::Rig`].
+    /// [`LineError::Session`].
     pub async fn start(file: &RigFile, driver: &Driver) -> Result<Self, LineError> {
-        let uart = PcUart::new(file.pc.baud, file.pc.tx_fifo, file.pc.clock);
-        let rig = Rig::start(file, driver, uart).await?;
-        rig.share_one_processor();
+        let session = Session::start(file, driver, file.uart()).await?;
+        session.rig().share_one_processor();
         Ok(Self {
             name: format!("the rig '{}'", file.name),
             now: Instant::START + BEGIN,
-            brake: Brake::new(Pace::Max).map_err(RigError::from)?,
-            digest: Digest::new(rig.layout()),
-            telemetry: Telemetry::new(&rig),
-            recorder: None,
-            trace: None,
             queued: 0,
             received: VecDeque::new(),
             watcher: None,
-            rig,
+            session,
         })
     }
 
-    /// Records everything from the start. For a rig that does not run yet.
-    pub fn record(&mut self, recorder: Recorder) {
-        self.recorder = Some(recorder);
-    }
-
-    /// Keeps everything from the start. For a rig that does not run yet.
-    pub fn keep(&mut self, header: Header) {
-        self.trace = Some(Trace::new(header));
-    }
-
     /// Holds time back to this pace from now on.
-    pub fn set_pace(&mut self, pace: Pace) {
-        self.brake.set_pace(pace, self.now);
+    ///
+    /// # Errors
+    /// [`LineError::Session`] if the system refuses a timer.
+    pub fn set_pace(&mut self, pace: Pace) -> Result<(), LineError> {
+        Ok(self.session.set_pace(pace, self.now).map_err(SessionError::from)?)
     }
 
     /// Brings every board to one instant and ends what is recorded there, with the word for how it ended.
     ///
     /// # Errors
     /// [`LineError`] if the rig breaks over it, or the recording cannot be written.
-    pub async fn end(mut self, outcome: &str) -> Result<Left, LineError> {
-        let until = self.now.max(self.rig.engine().frontier());
-        self.rig.settle(until).await?;
-        self.note()?;
-        let at = until - Span::from_nanos(1);
-        let end = End { digest: self.digest.sum().to_string(), at, outcome: outcome.to_owned() };
-        if let Some(recorder) = &mut self.recorder {
-            recorder.finish(&end)?;
-        }
-        if let Some(trace) = &mut self.trace {
-            (trace.settled, trace.end) = (until, Some(end.clone()));
-        }
-        let boards = self.rig.nodes().iter().enumerate().filter(|(id, _)| *id != self.rig.pc());
-        let board = |(id, node): (usize, &Node)| {
-            (node.name.clone(), node.pid.unwrap_or_else(std::process::id), self.telemetry.of(id))
-        };
-        Ok(Left { end, boards: boards.map(board).collect(), trace: self.trace })
+    pub async fn end(self, outcome: &str) -> Result<Ended, LineError> {
+        let until = self.now.max(self.session.rig().engine().frontier());
+        Ok(self.session.finish(until, outcome, |_| ()).await?)
     }
 
     /// Tells `watcher` every value from now on.
@@ -158,9 +109,9 @@ impl RigLine {
         self.watcher = Some(watcher);
     }
 
-    /// The rig, for whoever breaks it.
-    pub const fn rig(&mut self) -> &mut Rig {
-        &mut self.rig
+    /// The session, for whoever records or breaks it.
+    pub const fn session(&mut self) -> &mut Session {
+        &mut self.session
     }
 
     /// How far virtual time has gone.
@@ -170,28 +121,19 @@ impl RigLine {
 
     async fn advance(&mut self, until: Instant) -> Result<(), LineError> {
         loop {
-            let at_once = Limit::until(until);
-            let limit = if self.brake.pace() == Pace::Max { at_once } else { self.brake.limit().earlier(Some(until)) };
-            while self.rig.step(limit).await? {
-                self.note()?;
+            let limit = self.session.allowed().earlier(Some(until));
+            loop {
+                let happened = self.session.step(limit).await?;
+                self.note(&happened);
+                if !happened.more {
+                    break;
+                }
             }
-            self.note()?;
             if limit.until >= until {
                 break;
             }
-            let next = self.rig.engine().next_instant().min(until);
-            if let Some(recorder) = &mut self.recorder {
-                recorder.before_wait(self.brake.wall_until(next))?;
-            }
-            tokio::select! {
-                () = self.rig.news() => {}
-                passed = self.brake.wait_past(next) => {
-                    passed.map_err(RigError::from)?;
-                    if let Some(by) = self.brake.reached(next) {
-                        log::behind(next, by);
-                    }
-                }
-            }
+            let next = self.session.rig().engine().next_instant().min(until);
+            self.session.wait(next).await?;
         }
         self.now = until;
         // Whatever may end this must have its turn.
@@ -199,50 +141,29 @@ impl RigLine {
         Ok(())
     }
 
-    fn note(&mut self) -> Result<(), LineError> {
-        for incident in self.rig.take_incidents() {
-            log::set_time(incident.at);
-            tracing::warn!("{incident}");
-        }
-        let (inputs, facts) = (self.rig.take_inputs(), self.rig.take_facts());
-        if let Some(recorder) = &mut self.recorder {
-            recorder.note(&inputs, &facts, self.rig.engine().frontier())?;
-        }
-        if let Some(trace) = &mut self.trace {
-            trace.inputs.extend_from_slice(&inputs);
-            trace.facts.extend_from_slice(&facts);
-        }
-        for fact in &facts {
-            log::log(&self.rig, fact);
-            self.digest.add(fact);
-            self.telemetry.add(fact);
-            match *fact {
-                Fact::Event { node, event, value, .. } if node == self.rig.pc() => {
-                    match PcEvent::from_numbers(event, value) {
-                        Some(PcEvent::Sent(_)) => self.queued = self.queued.saturating_sub(1),
-                        Some(PcEvent::Received(byte) | PcEvent::Garbled(byte)) => self.received.push_back(byte),
-                        None => {}
-                    }
-                }
-                Fact::Telemetry { node, at, signal, value } => {
-                    if let Some(watcher) = &mut self.watcher {
-                        let node = &self.rig.nodes()[node];
-                        let quantity = &node.description.signals[usize::from(signal)].name;
-                        watcher(at, &node.name, quantity, value);
-                    }
-                }
-                Fact::Event { .. } | Fact::Edges { .. } => {}
+    fn note(&mut self, happened: &Happened) {
+        for (_, exchange) in &happened.pc {
+            match exchange {
+                Exchange::Sent(..) => self.queued = self.queued.saturating_sub(1),
+                Exchange::Received(byte, _) | Exchange::Garbled(byte) => self.received.push_back(*byte),
             }
         }
-        Ok(())
+        let Some(watcher) = &mut self.watcher else { return };
+        for fact in &happened.facts {
+            if let Fact::Telemetry { node, at, signal, value } = fact {
+                let node = &self.session.rig().nodes()[*node];
+                let quantity = node.description.signals.get(usize::from(*signal)).map_or("?", |s| s.name.as_str());
+                watcher(*at, &node.name, quantity, *value);
+            }
+        }
     }
 }
 
 impl Line for RigLine {
     async fn send(&mut self, bytes: &[u8], mut gone: impl FnMut(usize)) -> Result<(), LineError> {
         self.queued += bytes.len();
-        let pc = self.rig.pc();
-        self.rig.stimulate(pc, self.now, Stimulus::Write(bytes.to_vec()));
+        let pc = self.session.rig().pc();
+        self.session.stimulate(pc, self.now, Stimulus::Write(bytes.to_vec()));
         let mut left = self.queued;
         while self.queued > 0 {
             self.advance(self.now + CHARACTER.times(self.queued.min(PORTION) as u64)).await?;

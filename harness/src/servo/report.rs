@@ -1,14 +1,15 @@
 //! What is left of a run: numbers, data, graphs.
 
-use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use serde_json::{Value, json};
 use torno_servo::{Program, TICKS_PER_S};
 
 use super::controller::{Ended, Sample};
-use super::line::Left;
+use torno_trace::End;
+
 use crate::report::plot::{Figure, Panel, Series, Style};
+use crate::session::EndedBoard;
 
 /// Samples of the window in which Servo v1.0 shows the following error: 4 s (§3.1).
 pub const WINDOW: usize = 800;
@@ -31,7 +32,7 @@ pub struct Report {
     /// What the controller told of each tick that took place.
     pub samples: Vec<Sample>,
     /// What is left of the rig, if it ran on one.
-    pub rig: Option<Left>,
+    pub rig: Option<(End, Vec<EndedBoard>)>,
 }
 
 impl Ended {
@@ -92,8 +93,8 @@ impl Report {
             let wrapped = self.wrapped();
             line("wrap", format!("{wrapped} samples show another error than the true one: it lies beyond -128…127"));
         }
-        if let Some(Left { end, boards, .. }) = &self.rig {
-            let boards = boards.iter().map(|(name, pid, _)| format!(", {name} {pid}"));
+        if let Some((end, boards)) = &self.rig {
+            let boards = boards.iter().map(|board| format!(", {} {}", board.name, board.pid));
             line("process", format!("harness {}{}", std::process::id(), boards.collect::<String>()));
             line("time", format!("{:.3} s virtual", end.at.as_secs_f64()));
             line("digest", end.digest.clone());
@@ -105,10 +106,9 @@ impl Report {
     /// For programs.
     pub fn json(&self) -> Value {
         let end = self.positions().last();
-        let rig = self.rig.as_ref().map(|Left { end, boards, .. }| {
-            let board = |(name, pid, values): &(String, u32, BTreeMap<String, i64>)| {
-                (name.clone(), json!({ "pid": pid, "at_end": values }))
-            };
+        let rig = self.rig.as_ref().map(|(end, boards)| {
+            let board =
+                |board: &EndedBoard| (board.name.clone(), json!({ "pid": board.pid, "at_end": board.telemetry }));
             let boards: serde_json::Map<String, Value> = boards.iter().map(board).collect();
             json!({ "virtual_s": end.at.as_secs_f64(), "digest": end.digest, "boards": boards })
         });

@@ -8,7 +8,7 @@ use torno::pace::Pace;
 use torno::report::Status;
 use torno::report::page::Page;
 use torno::servo::controller::parts;
-use torno::servo::{Controller, Ended, Left, Line, Report, RigLine};
+use torno::servo::{Controller, Ended, Line, Report, RigLine};
 
 use super::{
     FAILED, INTERRUPTED, Interrupt, Paint, Place, Source, Stand, connected, driver, gains, print, start_recording,
@@ -92,12 +92,12 @@ impl Arguments {
         let recorder = self.record.as_deref().map(|path| start_recording(path, &header)).transpose()?;
         let page = self.report.as_deref().map(|path| create(path).map(|file| (path, file))).transpose()?;
         let mut line = RigLine::start(&file, &driver(self.in_process)?).await?;
-        line.set_pace(self.pace);
+        line.set_pace(self.pace)?;
         if let Some(recorder) = recorder {
-            line.record(recorder);
+            line.session().record(recorder);
         }
         if page.is_some() {
-            line.keep(header);
+            line.session().keep(header);
         }
         let mut controller = Controller::on(line);
         let ran = self.on(&mut controller, source).await;
@@ -108,7 +108,7 @@ impl Arguments {
             let written = std::io::Write::write_all(&mut file, html.as_bytes());
             written.with_context(|| format!("cannot write '{}'", path.display()))?;
         }
-        self.tell(&Report { rig: Some(Left { trace: None, ..left }), ..ran? })
+        self.tell(&Report { rig: Some((left.end, left.boards)), ..ran? })
     }
 
     /// Downloads the program and runs it; both can be interrupted.

@@ -1,0 +1,503 @@
+//! A session: a rig that runs, and what is made of everything that happens in it.
+//!
+//! Here alone a rig is advanced: faults begin when they are due, what happens goes into the digest, the telemetry and
+//! the recording, and a recording is ended. Whoever runs a rig looks at what each [step](Session::step) gives, and
+//! decides how far the next one may go.
+
+use std::future::Future;
+use std::io;
+use std::pin::pin;
+use std::task::{Context, Poll, Waker};
+
+use torno_bus::{PcEvent, PcProgram, PcUart, Replies, Reply};
+use torno_engine::{Fact, Hit, Input, Limit, NodeId};
+use torno_protocol::board::Stimulus;
+use torno_protocol::time::{Instant, Span};
+use torno_trace::{Digest, End, Header, Trace};
+
+use crate::fault::{Faults, Planned};
+use crate::observe::{Telemetry, log};
+use crate::pace::{Brake, Pace};
+use crate::recorder::{RECORDED, Recorder, RecordingError};
+use crate::rig::file::RigFile;
+use crate::rig::{Driver, Incident, Rig, RigError};
+
+/// So many of the PC's replies are remembered for the faults that wait for one.
+const REPLIES: usize = 16;
+
+/// Why a session cannot go on. It is not the machine in the rig that broke.
+#[derive(Debug, thiserror::Error)]
+pub enum SessionError {
+    /// The rig itself broke.
+    #[error(transparent)]
+    Rig(#[from] RigError),
+    /// The rig is fine, but what happens cannot be recorded.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// The serial port of the rig, or the timer that holds time back.
+    #[error("the PC port failed")]
+    Port(#[from] io::Error),
+}
+
+/// A running rig with all that is made of it.
+pub struct Session {
+    rig: Rig,
+    digest: Digest,
+    telemetry: Telemetry,
+    replies: Replies,
+    faults: Faults,
+    recorder: Option<Recorder>,
+    trace: Option<Trace>,
+    brake: Option<Brake>,
+    logs: bool,
+}
+
+/// What has happened in a step.
+#[derive(Debug, Default)]
+pub struct Happened {
+    /// What has been settled.
+    pub facts: Vec<Fact>,
+    /// What came from outside.
+    pub inputs: Vec<Input>,
+    /// What has become of boards' processes.
+    pub incidents: Vec<Incident>,
+    /// What watches have seen.
+    pub hits: Vec<Hit>,
+    /// The faults that have begun, and when.
+    pub begun: Vec<(String, Instant)>,
+    /// What the PC has sent and received.
+    pub pc: Vec<(Instant, Exchange)>,
+    /// Everything before this has been settled.
+    pub settled: Instant,
+    /// There may be more before the limit.
+    pub more: bool,
+}
+
+/// Something that the PC has sent or received.
+#[derive(Clone, Debug)]
+pub enum Exchange {
+    /// A byte has gone onto the line; what is complete with it, for people.
+    Sent(u8, Vec<String>),
+    /// A byte has come; the replies that are complete with it.
+    Received(u8, Vec<Reply>),
+    /// A character has come with an error.
+    Garbled(u8),
+}
+
+/// What is left of a session.
+pub struct Ended {
+    /// The digest of everything that happened, when it ended, and how.
+    pub end: End,
+    /// The boards.
+    pub boards: Vec<EndedBoard>,
+    /// Everything that happened, if it was kept.
+    pub trace: Option<Trace>,
+    /// The rig, for what it cost.
+    pub rig: Rig,
+}
+
+/// How a board ended.
+#[derive(Clone, Debug)]
+pub struct EndedBoard {
+    /// Its name.
+    pub name: String,
+    /// Its process; its own or the harness's.
+    pub pid: u32,
+    /// The last value of each of its quantities.
+    pub telemetry: std::collections::BTreeMap<String, i64>,
+    /// The boards that it waits for.
+    pub waits_for: Vec<String>,
+}
+
+impl Session {
+    /// Starts the rig of `file`, with `uart` for the PC.
+    ///
+    /// # Errors
+    /// [`SessionError::Rig`] if a board cannot be started.
+    pub async fn start<P>(file: &RigFile, driver: &Driver, uart: PcUart<P>) -> Result<Self, SessionError>
+    where
+        P: PcProgram + Send + 'static,
+    {
+        let rig = Rig::start(file, driver, uart).await?;
+        Ok(Self {
+            digest: Digest::new(rig.layout()),
+            telemetry: Telemetry::new(&rig),
+            replies: Replies::new(file.dialect),
+            faults: Faults::default(),
+            recorder: None,
+            trace: None,
+            brake: None,
+            logs: true,
+            rig,
+        })
+    }
+
+    /// Without a log: many sessions run at once, or one again.
+    #[must_use]
+    pub fn quiet(self) -> Self {
+        Self { logs: false, ..self }
+    }
+
+    /// Records everything from the start. For a rig that does not run yet.
+    pub fn record(&mut self, recorder: Recorder) {
+        self.recorder = Some(recorder);
+    }
+
+    /// Keeps everything from the start, under this header. For a rig that does not run yet.
+    pub fn keep(&mut self, header: Header) {
+        self.trace = Some(Trace::new(header));
+    }
+
+    /// Holds time back to a pace from `now` on.
+    ///
+    /// # Errors
+    /// If the system refuses a timer.
+    pub fn set_pace(&mut self, pace: Pace, now: Instant) -> io::Result<()> {
+        match &mut self.brake {
+            Some(brake) => brake.set_pace(pace, now),
+            none => none.insert(Brake::new(pace)?).set_pace(pace, now),
+        }
+        Ok(())
+    }
+
+    /// What holds time back, if anything does.
+    pub const fn brake(&mut self) -> Option<&mut Brake> {
+        self.brake.as_mut()
+    }
+
+    /// The pace.
+    pub fn pace(&self) -> Pace {
+        self.brake.as_ref().map_or(Pace::Max, Brake::pace)
+    }
+
+    /// How far time may go by now.
+    pub fn allowed(&self) -> Limit {
+        self.brake.as_ref().filter(|brake| brake.pace() != Pace::Max).map_or(Limit::NONE, Brake::limit)
+    }
+
+    /// Takes the faults that begin by themselves. For a rig that does not run yet. Says which have begun at once.
+    pub fn plan(&mut self, planned: &[Planned]) -> Vec<(String, Instant)> {
+        planned
+            .iter()
+            .filter_map(|planned| Some((planned.fault.name.clone(), self.plan_one(planned, Instant::START)?)))
+            .collect()
+    }
+
+    /// Takes a fault that begins by itself, from `now` on. Says since when, if it has begun.
+    pub fn plan_one(&mut self, planned: &Planned, now: Instant) -> Option<Instant> {
+        let telemetry = &self.telemetry;
+        let value = |node: NodeId, signal: u8| telemetry.value(node, signal);
+        let since = self.faults.plan(&mut self.rig, planned, now, value)?;
+        self.log_begun(&[(planned.fault.name.clone(), since)]);
+        Some(since)
+    }
+
+    /// The rig.
+    pub const fn rig(&self) -> &Rig {
+        &self.rig
+    }
+
+    /// The rig, for whoever watches it.
+    pub const fn rig_mut(&mut self) -> &mut Rig {
+        &mut self.rig
+    }
+
+    /// The last value of each quantity.
+    pub const fn telemetry(&self) -> &Telemetry {
+        &self.telemetry
+    }
+
+    /// What the PC has heard lately, and before.
+    pub const fn replies(&self) -> &Replies {
+        &self.replies
+    }
+
+    /// The faults, and the rig that they break.
+    pub const fn faults(&mut self) -> (&mut Faults, &mut Rig) {
+        (&mut self.faults, &mut self.rig)
+    }
+
+    /// What is recorded is written within a second, if it is told of waits.
+    pub const fn recorder(&mut self) -> Option<&mut Recorder> {
+        self.recorder.as_mut()
+    }
+
+    /// Whether it is recorded.
+    pub const fn is_recorded(&self) -> bool {
+        self.recorder.is_some()
+    }
+
+    /// Gives a board, or the PC's UART, a stimulus.
+    pub fn stimulate(&mut self, node: NodeId, at: Instant, stimulus: Stimulus) -> Instant {
+        self.rig.stimulate(node, at, stimulus)
+    }
+
+    /// Lets something happen before `limit`, and takes note of it. Faults that are due on the way begin there.
+    ///
+    /// # Errors
+    /// [`SessionError`] if the rig itself breaks, or the recording cannot go on.
+    pub async fn step(&mut self, limit: Limit) -> Result<Happened, SessionError> {
+        let due = self.faults.next().filter(|due| *due < limit.until);
+        let stepped = self.rig.step(limit.earlier(due)).await?;
+        let mut happened = self.note(Instant::NEVER)?;
+        happened.more = stepped || !happened.hits.is_empty();
+        // Where a silence holds time back, the fault is not due yet.
+        let due = due.filter(|due| limit.silence.is_never() || self.rig.engine().frontier() >= *due);
+        if let Some(due) = due.filter(|_| !happened.more) {
+            self.begin_due(due, &mut happened);
+            happened.more = true;
+        }
+        Ok(happened)
+    }
+
+    /// Brings every board to `until`, however little it has to do. For when the rig is quiet.
+    ///
+    /// # Errors
+    /// As for a [step](Self::step).
+    pub async fn catch_up(&mut self, until: Instant) -> Result<Happened, SessionError> {
+        self.rig.catch_up(until).await?;
+        self.note(Instant::NEVER)
+    }
+
+    /// Lets everything happen until the rig is quiet, and nothing at `limit` and later. Gives what has happened and,
+    /// if the rig is quiet, when that is over: not before `least`. For a rig in which nothing is planned, watched or disturbed: nobody has to be
+    /// asked on the way.
+    ///
+    /// # Errors
+    /// As for a [step](Self::step).
+    pub async fn fall_quiet(
+        &mut self,
+        least: Instant,
+        limit: Instant,
+    ) -> Result<(Happened, Option<Instant>), SessionError> {
+        while !self.rig.engine().is_quiet() && self.rig.step(Limit::until(limit)).await? {}
+        let engine = self.rig.engine();
+        let quiet = engine.is_quiet().then(|| engine.quiet_since().next().max(least).min(limit));
+        // Boards that are mute may have told more of themselves than that.
+        let happened = self.note(quiet.unwrap_or(limit))?;
+        Ok((happened, quiet))
+    }
+
+    /// Time has come to `now`, and everything before has happened: faults that are due begin, get worse and end.
+    pub fn go_on(&mut self, now: Instant) {
+        let begun = self.faults.go_on(&mut self.rig, now);
+        self.log_begun(&begun);
+    }
+
+    /// Lets faults begin, get worse and end that are due before or at `now`, before which everything has happened.
+    fn begin_due(&mut self, now: Instant, happened: &mut Happened) {
+        let begun = self.faults.go_on(&mut self.rig, now);
+        self.log_begun(&begun);
+        happened.begun.extend(begun);
+    }
+
+    /// Lets everything happen before `limit`.
+    ///
+    /// # Errors
+    /// As for a [step](Self::step).
+    pub async fn advance(&mut self, limit: Limit, mut see: impl FnMut(Happened)) -> Result<(), SessionError> {
+        loop {
+            let happened = self.step(limit).await?;
+            let more = happened.more;
+            see(happened);
+            if !more {
+                return Ok(());
+            }
+        }
+    }
+
+    /// Brings every board to `until`: everything before that has happened, and has been noted, and nothing of it and
+    /// later. Boards that are stopped or gone stay where they are.
+    ///
+    /// # Errors
+    /// As for a [step](Self::step).
+    pub async fn settle(&mut self, until: Instant, mut see: impl FnMut(Happened)) -> Result<(), SessionError> {
+        loop {
+            self.advance(Limit::until(until), &mut see).await?;
+            self.rig.settle(until).await?;
+            let happened = self.note(Instant::NEVER)?;
+            let more = !happened.hits.is_empty();
+            see(happened);
+            if !more {
+                return Ok(());
+            }
+        }
+    }
+
+    /// Waits until time may go past `next`, or something becomes of a board's process. Cancel-safe.
+    ///
+    /// # Errors
+    /// [`SessionError`] if the system refuses the timer, or the recording cannot go on.
+    pub async fn wait(&mut self, next: Instant) -> Result<(), SessionError> {
+        let Self { brake: Some(brake), recorder, rig, .. } = self else {
+            rig_news(&mut self.rig).await;
+            return Ok(());
+        };
+        if let Some(recorder) = recorder {
+            recorder.before_wait(brake.wall_until(next))?;
+        }
+        tokio::select! {
+            biased;
+            () = rig.news() => {}
+            passed = brake.wait_past(next) => {
+                passed?;
+                if let Some(by) = brake.reached(next) {
+                    log::behind(next, by);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Lets happen what is left, up to `until` unless the rig is quiet. Gives the instant that everything lies before.
+    ///
+    /// # Errors
+    /// As for a [step](Self::step).
+    pub async fn fall_still(&mut self, until: Instant, mut see: impl FnMut(Happened)) -> Result<Instant, SessionError> {
+        let engine = self.rig.engine();
+        if !engine.is_quiet() {
+            let until = engine.frontier().max(until);
+            self.settle(until, see).await?;
+            return Ok(until);
+        }
+        let until = engine.quiet_since().next();
+        see(self.catch_up(until).await?);
+        Ok(until)
+    }
+
+    /// At a pace, boards that nothing reaches are asked so often for what they have to tell, so that it is recorded.
+    pub fn keep_up_every(&self) -> Option<Span> {
+        self.recorder.as_ref()?;
+        self.brake.as_ref()?.span_of(RECORDED)
+    }
+
+    /// The faults that have not fired.
+    pub fn unfired(&mut self) -> Vec<String> {
+        self.faults.unfired(&mut self.rig)
+    }
+
+    /// Ends the session, of which nothing at `until` and later counts, and its recording: with the word for how it
+    /// ended.
+    ///
+    /// # Errors
+    /// [`SessionError`] if the rig breaks over it, or the recording cannot be written.
+    pub async fn finish(
+        mut self,
+        until: Instant,
+        outcome: &str,
+        see: impl FnMut(Happened),
+    ) -> Result<Ended, SessionError> {
+        let until = until.max(Instant::START.next());
+        self.settle(until, see).await?;
+        self.close(until, outcome)
+    }
+
+    /// The same where every board has been brought to `until` already.
+    ///
+    /// # Errors
+    /// [`SessionError::Recording`] if the recording cannot be written.
+    pub fn close(mut self, until: Instant, outcome: &str) -> Result<Ended, SessionError> {
+        let at = until - Span::from_nanos(1);
+        let end = End { digest: self.digest.sum().to_string(), at, outcome: outcome.to_owned() };
+        if let Some(recorder) = &mut self.recorder {
+            recorder.finish(&end)?;
+        }
+        if let Some(trace) = &mut self.trace {
+            (trace.settled, trace.end) = (until, Some(end.clone()));
+        }
+        Ok(Ended { end, boards: self.boards(), trace: self.trace, rig: self.rig })
+    }
+
+    /// How the boards stand, without the gateways' UARTs.
+    fn boards(&self) -> Vec<EndedBoard> {
+        let nodes = self.nodes().into_iter().zip(&self.rig.layout().boards);
+        nodes.filter(|(_, board)| !board.is_gateway()).map(|(node, _)| node).collect()
+    }
+
+    /// How the boards and the gateways' UARTs stand.
+    pub fn nodes(&self) -> Vec<EndedBoard> {
+        let board = |(id, node): (NodeId, &crate::rig::Node)| EndedBoard {
+            name: node.name.clone(),
+            pid: node.pid.unwrap_or_else(std::process::id),
+            telemetry: self.telemetry.of(id),
+            waits_for: self.rig.waits_for(id, &self.telemetry.values(id)),
+        };
+        self.rig.nodes().iter().enumerate().map(board).collect()
+    }
+
+    /// Makes of what has happened before `until` what is to be made of it.
+    fn note(&mut self, until: Instant) -> Result<Happened, SessionError> {
+        let mut happened = Happened {
+            incidents: self.rig.take_incidents(),
+            inputs: self.rig.take_inputs(),
+            facts: self.rig.take_facts(),
+            settled: self.rig.engine().frontier(),
+            ..Happened::default()
+        };
+        if !until.is_never() {
+            happened.facts.retain(|fact| fact.at() < until);
+        }
+        if self.logs {
+            for incident in &happened.incidents {
+                log::set_time(incident.at);
+                tracing::warn!("{incident}");
+            }
+            happened.facts.iter().for_each(|fact| log::log(&self.rig, fact));
+        }
+        if let Some(recorder) = &mut self.recorder {
+            recorder.note(&happened.inputs, &happened.facts, self.rig.engine().frontier())?;
+        }
+        if let Some(trace) = &mut self.trace {
+            trace.inputs.extend_from_slice(&happened.inputs);
+            trace.facts.extend_from_slice(&happened.facts);
+        }
+        for fact in &happened.facts {
+            self.digest.add(fact);
+            self.telemetry.add(fact);
+            if let Fact::Event { node, at, event, value } = fact
+                && *node == self.rig.pc()
+                && let Some(event) = PcEvent::from_numbers(*event, *value)
+            {
+                happened.pc.push((*at, hear(&mut self.replies, *at, event)));
+            }
+        }
+        for hit in self.rig.take_hits() {
+            let begun = self.faults.see(&mut self.rig, hit, &self.replies);
+            happened.begun.extend(begun);
+            happened.hits.push(hit);
+        }
+        self.log_begun(&happened.begun);
+        self.replies.keep_last(REPLIES);
+        Ok(happened)
+    }
+
+    fn log_begun(&self, begun: &[(String, Instant)]) {
+        if self.logs {
+            begun.iter().for_each(|(name, since)| log::begun(name, *since));
+        }
+    }
+}
+
+/// What the PC's UART has told.
+fn hear(replies: &mut Replies, at: Instant, event: PcEvent) -> Exchange {
+    match event {
+        PcEvent::Sent(byte) => Exchange::Sent(byte, replies.send(at, byte)),
+        PcEvent::Received(byte) => Exchange::Received(byte, replies.hear(at, byte)),
+        PcEvent::Garbled(byte) => Exchange::Garbled(byte),
+    }
+}
+
+async fn rig_news(rig: &mut Rig) {
+    rig.news().await;
+}
+
+/// Runs what waits for nothing outside this process: a session whose boards are all in it, as fast as it can.
+///
+/// # Errors
+/// [`RigError::Waits`] if it waits all the same.
+pub fn in_process<T, E: From<RigError>>(session: impl Future<Output = Result<T, E>>) -> Result<T, E> {
+    match pin!(session).poll(&mut Context::from_waker(Waker::noop())) {
+        Poll::Ready(result) => result,
+        Poll::Pending => Err(RigError::Waits.into()),
+    }
+}
