@@ -5,6 +5,7 @@ mod compare;
 mod ctl;
 mod diff;
 mod identify;
+mod output;
 mod replay;
 mod run;
 mod send;
@@ -17,7 +18,7 @@ mod up;
 
 use std::fs::File;
 use std::future::poll_fn;
-use std::io::{self, BufReader, IsTerminal, Write};
+use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::task::Poll;
@@ -38,6 +39,8 @@ use torno::text_file::TextError;
 use torno::trace::replay::ReplayError;
 use torno::trace::{Damage, Header, Recorder, RecordingError, SessionError, Trace};
 use torno_protocol::lathe::Program;
+
+use output::{OutputFile, colour, print, print_result, print_text, write_file};
 
 /// A check failed: the program was not executed as it should have been.
 const FAILED: u8 = 1;
@@ -215,19 +218,6 @@ fn load_trace(path: &Path) -> anyhow::Result<(Trace, Option<Damage>)> {
         eprintln!("torno: '{}' {damage}, up to {}", path.display(), trace.settled);
     }
     Ok((trace, damage))
-}
-
-/// A result on standard output. That nobody reads it is no error.
-fn print(text: &(impl AsRef<[u8]> + ?Sized)) -> anyhow::Result<()> {
-    match io::stdout().lock().write_all(text.as_ref()).and_then(|()| io::stdout().flush()) {
-        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
-        written => written.context("cannot write the result"),
-    }
-}
-
-/// Whether a person reads standard output.
-fn colour() -> bool {
-    io::stdout().is_terminal() && std::env::var_os("NO_COLOR").is_none()
 }
 
 /// The signals by which a person or a service manager ends a command.

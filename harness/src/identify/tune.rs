@@ -1,6 +1,6 @@
 //! From a motor that is known to a controller for it: proposed, foretold, and shown on the rig.
 
-use std::fmt::{self, Write as _};
+use std::fmt;
 
 use anstyle::{AnsiColor, Style};
 use serde::Serialize;
@@ -461,19 +461,11 @@ fn smooth(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     (0..points.len()).map(mean).collect()
 }
 
-impl Tuning {
-    /// For people.
-    pub fn text(&self, colour: bool) -> String {
-        let mut text = String::new();
-        // Writing to a string cannot fail.
-        let _ = self.write(&mut text, colour);
-        text
-    }
-
-    fn write(&self, text: &mut String, colour: bool) -> fmt::Result {
-        let style = |style: Style| if colour { style } else { Style::new() };
-        let (bold, dim) = (style(Style::new().bold()), style(Style::new().dimmed()));
-        let warn = style(AnsiColor::Red.on_default().bold());
+/// For people, with the colours of a terminal: what writes it elsewhere strips them.
+impl fmt::Display for Tuning {
+    fn fmt(&self, text: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (bold, dim) = (Style::new().bold(), Style::new().dimmed());
+        let warn = AnsiColor::Red.on_default().bold();
         let Identification { subject, units, period_s, axis, result, .. } = &self.motor;
         let what = if *axis { "position" } else { "speed" };
         writeln!(text, "{:<10}{bold}{subject}{bold:#}: {what}, sampled every {} ms", "motor", short(1e3 * period_s))?;
@@ -537,8 +529,10 @@ impl Tuning {
         }
         Ok(())
     }
+}
 
-    fn write_shown(&self, text: &mut String, shown: &Seen, present: &Seen, dim: Style) -> fmt::Result {
+impl Tuning {
+    fn write_shown(&self, text: &mut fmt::Formatter<'_>, shown: &Seen, present: &Seen, dim: Style) -> fmt::Result {
         let cell = |number: Option<f64>, digits: usize| number.map_or("-".to_owned(), |n| format!("{n:.digits$}"));
         if self.motor.axis {
             let head = format!("{DISTANCE} counts on the rig");
