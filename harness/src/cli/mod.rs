@@ -4,6 +4,7 @@ mod board;
 mod compare;
 mod ctl;
 mod diff;
+mod exit;
 mod identify;
 mod output;
 mod replay;
@@ -27,29 +28,15 @@ use std::time::Instant;
 use anyhow::Context;
 use clap::{Parser, Subcommand};
 use tokio::signal::unix::{Signal, SignalKind, signal};
-use torno::live::LiveError;
 use torno::play::DEMONSTRATION;
-use torno::port::PortError;
-use torno::rig::file::{DEFAULT, RigFile, RigFileError};
-use torno::rig::{Driver, RigError};
-use torno::seat::SeatError;
-use torno::send::SendError;
-use torno::servo::{ControllerError, LineError};
+use torno::rig::Driver;
+use torno::rig::file::{DEFAULT, RigFile};
 use torno::text_file::TextError;
-use torno::trace::replay::ReplayError;
-use torno::trace::{Damage, Header, Recorder, RecordingError, SessionError, Trace};
+use torno::trace::{Damage, Header, Recorder, Trace};
 use torno_protocol::lathe::Program;
 
+use exit::{FAILED, INTERRUPTED, USAGE};
 use output::{OutputFile, colour, print, print_result, print_text, write_file};
-
-/// A check failed: the program was not executed as it should have been.
-const FAILED: u8 = 1;
-/// The command was used wrongly, or its input is broken.
-const USAGE: u8 = 2;
-/// The rig itself broke.
-const BROKEN: u8 = 3;
-/// Ended by Ctrl-C, as shells count it.
-const INTERRUPTED: u8 = 130;
 
 /// Emulates small serial-bus CNC machines, so that people can work without the machine.
 #[derive(Debug, Parser)]
@@ -126,31 +113,7 @@ pub(crate) fn main(started: Instant) -> ExitCode {
 
 fn complain(error: &anyhow::Error) -> ExitCode {
     eprintln!("torno: {error:#}");
-    ExitCode::from(exit_code(error))
-}
-
-fn exit_code(error: &anyhow::Error) -> u8 {
-    let line = match error.downcast_ref::<ControllerError>() {
-        Some(ControllerError::Line(line)) => Some(line),
-        _ => error.downcast_ref::<LineError>(),
-    };
-    let broken = error.downcast_ref::<RigError>().is_some()
-        || error.downcast_ref::<SessionError>().is_some()
-        || error.downcast_ref::<LiveError>().is_some()
-        || error.downcast_ref::<RecordingError>().is_some()
-        || matches!(error.downcast_ref::<ReplayError>(), Some(ReplayError::Rig(_)))
-        || line.is_some_and(|line| matches!(line, LineError::Rig(_) | LineError::Recording(_)));
-    let failed = matches!(error.downcast_ref::<SendError>(), Some(SendError::Port { .. }))
-        || error.downcast_ref::<ControllerError>().is_some();
-    let used_wrongly = error.downcast_ref::<PortError>().is_some()
-        || error.downcast_ref::<RigFileError>().is_some()
-        || error.downcast_ref::<SeatError>().is_some();
-    match () {
-        () if used_wrongly => USAGE,
-        () if broken => BROKEN,
-        () if failed => FAILED,
-        () => USAGE,
-    }
+    ExitCode::from(exit::code(error))
 }
 
 /// The boards' processes, or none.
