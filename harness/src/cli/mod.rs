@@ -38,9 +38,18 @@ use torno_protocol::lathe::Program;
 use exit::{FAILED, INTERRUPTED, USAGE};
 use output::{OutputFile, colour, print, print_result, print_text, write_file};
 
+/// What a bare `torno` says.
+const INTRODUCTION: &str = "\
+torno emulates small serial-bus CNC machines: every board is a process, every line carries its waveform.
+  torno run     plays a program on a lathe, as fast as the computer can, and reports the result
+  torno up      starts the lathe and gives your own program a serial port to it
+  torno help    lists all commands; 'torno COMMAND --help' explains one
+From a checkout, write 'cargo run --release -- run' for 'torno run'.
+";
+
 /// Emulates small serial-bus CNC machines, so that people can work without the machine.
 #[derive(Debug, Parser)]
-#[command(name = "torno", version, arg_required_else_help = true, max_term_width = 100)]
+#[command(name = "torno", version, max_term_width = 100)]
 #[command(
     after_help = "Exit status: 0 as expected, 1 a check failed, 2 wrong usage or broken input, 3 the rig broke or\n\
     cannot be recorded, 130 interrupted.\n\
@@ -48,7 +57,7 @@ use output::{OutputFile, colour, print, print_result, print_text, write_file};
 )]
 struct Arguments {
     #[command(subcommand)]
-    command: Command,
+    command: Option<Command>,
 }
 
 #[derive(Debug, Subcommand)]
@@ -85,13 +94,15 @@ enum Command {
 
 /// Runs the command line.
 pub(crate) fn main(started: Instant) -> ExitCode {
-    let arguments = Arguments::parse();
+    let Some(command) = Arguments::parse().command else {
+        return print(INTRODUCTION).map_or_else(|error| complain(&error), |()| ExitCode::SUCCESS);
+    };
     let runtime = match tokio::runtime::Builder::new_current_thread().enable_all().build() {
         Ok(runtime) => runtime,
         Err(error) => return complain(&error.into()),
     };
     let result = runtime.block_on(async {
-        match arguments.command {
+        match command {
             Command::Run(arguments) => arguments.run(started).await,
             Command::Up(arguments) => arguments.run().await,
             Command::Ctl(arguments) => arguments.run(),
