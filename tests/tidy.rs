@@ -9,7 +9,7 @@ use std::process::Command;
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 
 /// The crates that are pure: all logic, no I/O.
-const CORE: [&str; 9] = [
+const CORE: [&str; 10] = [
     "protocol",
     "master",
     "master/dspic",
@@ -17,6 +17,7 @@ const CORE: [&str; 9] = [
     "harness/engine",
     "harness/identify",
     "harness/part",
+    "harness/plot",
     "harness/servo",
     "harness/text",
 ];
@@ -58,6 +59,7 @@ fn dependencies_point_one_way() {
         "protocol" | "harness/identify" | "harness/part" | "harness/servo" => vec![],
         "master" | "slaves" | "harness/engine" | "harness/text" => vec!["torno-protocol"],
         "master/dspic" => vec!["torno-protocol", "torno-master", "torno-slaves"],
+        "harness/plot" => vec!["torno-text"],
         _ => vec![
             "torno-protocol",
             "torno-master",
@@ -66,6 +68,7 @@ fn dependencies_point_one_way() {
             "torno-engine",
             "torno-identify",
             "torno-part",
+            "torno-plot",
             "torno-servo",
             "torno-text",
         ],

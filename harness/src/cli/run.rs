@@ -124,7 +124,7 @@ impl Arguments {
         let (part, trace) = (cut.as_ref().map(|cut| cut.summary.clone()), played.trace.take());
         let summary = Summary { part, ..summary(played, rig, program_name, frames, seed, started) };
         if let (Some(file), Some(trace)) = (report, trace) {
-            file.write(Page { trace: &trace, summary: Some(&summary), cut: cut.as_ref() }.html()?)?;
+            file.write(Page { trace: &trace, summary: Some(&summary), cut: cut.as_ref() }.html())?;
         }
         print_result(self.json, &summary)?;
         Ok(code)

@@ -9,8 +9,8 @@ use torno_identify::discrete::Discrete;
 use torno_identify::{Data, Estimate, Finding, FirstOrder, Fitted, SecondOrder, arx, doubt, nls, second_order, step};
 
 use super::bench::{LOOP_GAIN, Recording, Useless};
-use crate::report::plot::Style as Drawn;
-use crate::report::plot::{Figure, Panel, Series};
+use torno_plot::Style as Drawn;
+use torno_plot::{Figure, Panel, Series};
 
 /// The units of a motor's input and speed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]

@@ -13,11 +13,11 @@ use torno_protocol::time::{Instant, Span};
 use super::bench::Subject;
 use super::report::{Identification, digits, short};
 use crate::pc::PcUart;
-use crate::report::plot::{Figure, Panel, Series, Style as Drawn};
 use crate::rig::file::RigFile;
 use crate::rig::kinds::motor::{Form, Law, Motor};
 use crate::rig::{Driver, Rig, RigError};
 use torno_engine::Fact;
+use torno_plot::{Figure, Panel, Series, Style as Drawn};
 
 /// Samples of a step response that is looked at, at least; and in time constants of the motor.
 const SAMPLES: (usize, f64) = (400, 12.0);

@@ -11,13 +11,12 @@ use std::process::ExitCode;
 
 use serde_json::json;
 use torno::observe::log;
-use torno::report::plot::Figure;
-use torno::report::{Colouring, Colours};
 use torno::rig::file::RigFile;
 use torno::send::SendError;
 use torno::servo::report::graph;
 use torno::servo::{Controller, ControllerError, Gain, Line, LineError, SerialLine};
 use torno::text_file::TextError;
+use torno_plot::{Colouring, Colours, Figure};
 use torno_servo::{Compiled, Finding, Language, Limits, Severity, compile};
 
 use super::{FAILED, INTERRUPTED, Interrupt, OutputFile, USAGE, driver, load_rig, print, start_recording, write_file};
