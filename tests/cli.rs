@@ -279,9 +279,20 @@ fn words_that_are_not_known_are_refused() {
         (&["send", "a.frames"], "--port"),
         (&["send", "a.frames", "--port", "x", "--baud", "0"], "invalid value '0' for '--baud"),
         (&["send", "a.frames", "--port", "x", "--timeout", "0"], "expected seconds, 0.01 to 86400"),
-        (&[], "Usage: torno <COMMAND>"),
     ] {
         refused(arguments, &[expected]);
+    }
+}
+
+#[test]
+fn a_bare_torno_says_in_five_lines_what_it_is_and_how_to_start() {
+    let output = torno(&[]).output().unwrap();
+    let (text, log) = (String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap());
+    assert_eq!((output.status.code(), log.as_str()), (Some(0), ""));
+    assert_eq!(text.lines().count(), 5, "{text}");
+    assert!(text.lines().all(|line| line.chars().count() <= 100), "{text}");
+    for words in ["torno emulates", "torno run", "torno up", "torno help", "cargo run --release -- "] {
+        assert!(text.contains(words), "{text}\nlacks: {words}");
     }
 }
 

@@ -363,7 +363,7 @@ fn a_scenario_in_prose_is_one_of_a_file() {
             .step("it is on its way")
             .run_for("100 ms")
             .step("it has moved")
-            .check(board("transverse").quantity("position_counts").from_to(1, 400))
+            .check(board("transverse").quantity("position_counts").at_least(1).at_most(400))
             .step("it is done")
             .wait(reply("XON"))
             .within("3 s")
@@ -378,14 +378,14 @@ fn a_scenario_in_prose_is_one_of_a_file() {
     let of_file = Scenario::parse("a.toml", &turn().toml(), None).unwrap();
     assert_eq!(run(&of_file, &Driver::InProcess).digest, outcome.digest);
 
-    let broken = turn().fault(board("transverse").stalls().when(line("pc_to_master").character(8)).named("jam"));
+    let broken = turn().fault(board("transverse").breaks("stall").when(line("pc_to_master").character(8)).named("jam"));
     let outcome = broken.run().unwrap();
     assert_eq!(outcome.failures[0].expected, "transverse.position_counts from 1 to 400");
     let panic = std::panic::catch_unwind(|| broken.must_pass()).unwrap_err();
     let message = panic.downcast::<String>().unwrap();
     assert!(message.contains("scenario 'in prose', seed 0:\n  step 3    it has moved"), "{message}");
     assert!(message.contains("[[fault]]\nboard = \"transverse\""), "{message}");
-    let wrong = prose::scenario("wrong").fault(board("dept").crashes()).scenario().unwrap_err();
+    let wrong = prose::scenario("wrong").fault(board("dept").breaks("crash")).scenario().unwrap_err();
     assert!(wrong.to_string().contains("did you mean 'depth'?"), "{wrong}");
 }
 

@@ -11,7 +11,7 @@ use torno::rig::Driver;
 use torno::rig::file::RigFile;
 use torno_protocol::lathe::Program;
 
-use super::{FAILED, INTERRUPTED, Interrupt, colour, load_program, print};
+use super::{FAILED, INTERRUPTED, Interrupt, load_program, print_result};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -82,8 +82,7 @@ impl Arguments {
             () = interrupt.received() => return Ok(ExitCode::from(INTERRUPTED)),
         };
         let comparison = Comparison::new(name, frames, sides);
-        let text = if self.json { serde_json::to_string(&comparison)? + "\n" } else { comparison.text(colour()) };
-        print(&text)?;
+        print_result(self.json, &comparison)?;
         Ok(if comparison.completed() { ExitCode::SUCCESS } else { ExitCode::from(FAILED) })
     }
 }

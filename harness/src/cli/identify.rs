@@ -8,10 +8,9 @@ use torno::identify::bench::{Excitation, Plan, Recording, Subject};
 use torno::identify::csv::{self, Measured};
 use torno::identify::{Identification, Method, Units};
 use torno::observe::log;
-use torno::report::plot::Figure;
 use torno::rig::file::{DEFAULT, RigFile};
 
-use super::{colour, load_rig, print};
+use super::{load_rig, print_result, write_file};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -123,16 +122,9 @@ impl Arguments {
         log::init("warn");
         let Identified { identification, .. } = self.source.identify(self.method).await?;
         if let Some(path) = &self.plot {
-            draw(path, &identification.figure())?;
+            write_file(path, identification.figure().svg()?)?;
         }
-        let text =
-            if self.json { serde_json::to_string(&identification)? + "\n" } else { identification.text(colour()) };
-        print(&text)?;
+        print_result(self.json, &identification)?;
         Ok(ExitCode::SUCCESS)
     }
-}
-
-/// Writes a figure.
-pub(super) fn draw(path: &Path, figure: &Figure) -> anyhow::Result<()> {
-    std::fs::write(path, figure.svg()?).with_context(|| format!("cannot write '{}'", path.display()))
 }

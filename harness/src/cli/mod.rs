@@ -4,7 +4,9 @@ mod board;
 mod compare;
 mod ctl;
 mod diff;
+mod exit;
 mod identify;
+mod output;
 mod replay;
 mod run;
 mod send;
@@ -17,7 +19,7 @@ mod up;
 
 use std::fs::File;
 use std::future::poll_fn;
-use std::io::{self, BufReader, IsTerminal, Write};
+use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::task::Poll;
@@ -27,31 +29,28 @@ use anyhow::Context;
 use clap::{Parser, Subcommand};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use torno::play::DEMONSTRATION;
-use torno::port::PortError;
-use torno::recorder::{Recorder, RecordingError};
-use torno::replay::ReplayError;
-use torno::rig::file::{DEFAULT, RigFile, RigFileError};
-use torno::rig::{Driver, RigError};
-use torno::seat::SeatError;
-use torno::send::SendError;
-use torno::servo::{ControllerError, LineError};
-use torno::session::SessionError;
+use torno::recorder::Recorder;
+use torno::rig::Driver;
+use torno::rig::file::{DEFAULT, RigFile};
 use torno::text_file::TextError;
 use torno_protocol::lathe::Program;
 use torno_trace::{Damage, Header, Trace};
 
-/// A check failed: the program was not executed as it should have been.
-const FAILED: u8 = 1;
-/// The command was used wrongly, or its input is broken.
-const USAGE: u8 = 2;
-/// The rig itself broke.
-const BROKEN: u8 = 3;
-/// Ended by Ctrl-C, as shells count it.
-const INTERRUPTED: u8 = 130;
+use exit::{FAILED, INTERRUPTED, USAGE};
+use output::{OutputFile, colour, print, print_result, print_text, write_file};
+
+/// What a bare `torno` says.
+const INTRODUCTION: &str = "\
+torno emulates small serial-bus CNC machines: every board is a process, every line carries its waveform.
+  torno run     plays a program on a lathe, as fast as the computer can, and reports the result
+  torno up      starts the lathe and gives your own program a serial port to it
+  torno help    lists all commands; 'torno COMMAND --help' explains one
+From a checkout, write 'cargo run --release -- run' for 'torno run'.
+";
 
 /// Emulates small serial-bus CNC machines, so that people can work without the machine.
 #[derive(Debug, Parser)]
-#[command(name = "torno", version, arg_required_else_help = true, max_term_width = 100)]
+#[command(name = "torno", version, max_term_width = 100)]
 #[command(
     after_help = "Exit status: 0 as expected, 1 a check failed, 2 wrong usage or broken input, 3 the rig broke or\n\
     cannot be recorded, 130 interrupted.\n\
@@ -59,7 +58,7 @@ const INTERRUPTED: u8 = 130;
 )]
 struct Arguments {
     #[command(subcommand)]
-    command: Command,
+    command: Option<Command>,
 }
 
 #[derive(Debug, Subcommand)]
@@ -96,13 +95,15 @@ enum Command {
 
 /// Runs the command line.
 pub(crate) fn main(started: Instant) -> ExitCode {
-    let arguments = Arguments::parse();
+    let Some(command) = Arguments::parse().command else {
+        return print(INTRODUCTION).map_or_else(|error| complain(&error), |()| ExitCode::SUCCESS);
+    };
     let runtime = match tokio::runtime::Builder::new_current_thread().enable_all().build() {
         Ok(runtime) => runtime,
         Err(error) => return complain(&error.into()),
     };
     let result = runtime.block_on(async {
-        match arguments.command {
+        match command {
             Command::Run(arguments) => arguments.run(started).await,
             Command::Up(arguments) => arguments.run().await,
             Command::Ctl(arguments) => arguments.run(),
@@ -124,30 +125,7 @@ pub(crate) fn main(started: Instant) -> ExitCode {
 
 fn complain(error: &anyhow::Error) -> ExitCode {
     eprintln!("torno: {error:#}");
-    ExitCode::from(exit_code(error))
-}
-
-fn exit_code(error: &anyhow::Error) -> u8 {
-    let line = match error.downcast_ref::<ControllerError>() {
-        Some(ControllerError::Line(line)) => Some(line),
-        _ => error.downcast_ref::<LineError>(),
-    };
-    let broken = error.downcast_ref::<RigError>().is_some()
-        || error.downcast_ref::<SessionError>().is_some()
-        || error.downcast_ref::<RecordingError>().is_some()
-        || matches!(error.downcast_ref::<ReplayError>(), Some(ReplayError::Session(_)))
-        || line.is_some_and(|line| matches!(line, LineError::Session(_)));
-    let failed = matches!(error.downcast_ref::<SendError>(), Some(SendError::Port { .. }))
-        || error.downcast_ref::<ControllerError>().is_some();
-    let used_wrongly = error.downcast_ref::<PortError>().is_some()
-        || error.downcast_ref::<RigFileError>().is_some()
-        || error.downcast_ref::<SeatError>().is_some();
-    match () {
-        () if used_wrongly => USAGE,
-        () if broken => BROKEN,
-        () if failed => FAILED,
-        () => USAGE,
-    }
+    ExitCode::from(exit::code(error))
 }
 
 /// The boards' processes, or none.
@@ -215,19 +193,6 @@ fn load_trace(path: &Path) -> anyhow::Result<(Trace, Option<Damage>)> {
         eprintln!("torno: '{}' {damage}, up to {}", path.display(), trace.settled);
     }
     Ok((trace, damage))
-}
-
-/// A result on standard output. That nobody reads it is no error.
-fn print(text: &(impl AsRef<[u8]> + ?Sized)) -> anyhow::Result<()> {
-    match io::stdout().lock().write_all(text.as_ref()).and_then(|()| io::stdout().flush()) {
-        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
-        written => written.context("cannot write the result"),
-    }
-}
-
-/// Whether a person reads standard output.
-fn colour() -> bool {
-    io::stdout().is_terminal() && std::env::var_os("NO_COLOR").is_none()
 }
 
 /// The signals by which a person or a service manager ends a command.

@@ -1,12 +1,9 @@
 //! `torno run`
 
-use std::fs::File;
-use std::io::{BufWriter, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
 
-use anyhow::Context;
 use torno::fault::{self, FaultFile};
 use torno::observe::log;
 use torno::pace::Pace;
@@ -18,7 +15,8 @@ use torno_protocol::lathe::Outcome;
 use torno_text::parse_span;
 
 use super::{
-    FAILED, INTERRUPTED, Interrupt, colour, driver, load_program, load_rig, print, rig_and_program, start_recording,
+    FAILED, INTERRUPTED, Interrupt, OutputFile, driver, load_program, load_rig, print_result, rig_and_program,
+    start_recording,
 };
 
 #[derive(Debug, clap::Args)]
@@ -85,10 +83,9 @@ impl Arguments {
         if !drawn.is_empty() {
             eprintln!("seed {}", seed_text(seed, &drawn));
         }
-        // Before anything runs: a file that cannot be written must not cost a run.
-        let vcd = self.vcd.as_deref().map(create).transpose()?;
-        let drawing = self.part.as_deref().map(create).transpose()?;
-        let report = self.report.as_deref().map(create).transpose()?;
+        let [vcd, drawing, report] =
+            [&self.vcd, &self.part, &self.report].map(|path| path.as_ref().map(OutputFile::create));
+        let (vcd, drawing, report) = (vcd.transpose()?, drawing.transpose()?, report.transpose()?);
         let asked = file.part.as_ref().map(|part| (part.clone(), part.asked(&program)));
         let header = file.header(&rig, seed, Some(&program_name));
         let keep = report.is_some().then(|| header.clone());
@@ -110,15 +107,13 @@ impl Arguments {
         for name in &played.unfired {
             tracing::warn!("the fault '{name}' has not fired");
         }
-        if let (Some((path, file)), Some(waveforms)) = (vcd, &played.waveforms) {
-            waveforms.write(file, played.end, tail).with_context(|| format!("cannot write '{}'", path.display()))?;
+        if let (Some(file), Some(waveforms)) = (vcd, &played.waveforms) {
+            file.write_by(|file| waveforms.write(file, played.end, tail))?;
         }
         let part = asked.zip(played.path.take().map(ToolPath::cut));
         let cut = part.map(|((part, asked), turned)| Cut::new(part, asked, turned));
-        if let (Some((path, mut file)), Some(cut)) = (drawing, &cut) {
-            let svg = cut.draw(&rig, &program_name);
-            let written = file.write_all(svg.as_bytes()).and_then(|()| file.flush());
-            written.with_context(|| format!("cannot write '{}'", path.display()))?;
+        if let (Some(file), Some(cut)) = (drawing, &cut) {
+            file.write(cut.draw(&rig, &program_name))?;
         }
         let code = match played.ended {
             Ended::Interrupted => ExitCode::from(INTERRUPTED),
@@ -127,20 +122,12 @@ impl Arguments {
         };
         let (part, trace) = (cut.as_ref().map(|cut| cut.summary.clone()), played.trace.take());
         let summary = Summary { part, ..summary(played, rig, program_name, frames, seed, started) };
-        if let (Some((path, mut file)), Some(trace)) = (report, trace) {
-            let html = Page { trace: &trace, summary: Some(&summary), cut: cut.as_ref() }.html()?;
-            let written = file.write_all(html.as_bytes()).and_then(|()| file.flush());
-            written.with_context(|| format!("cannot write '{}'", path.display()))?;
+        if let (Some(file), Some(trace)) = (report, trace) {
+            file.write(Page { trace: &trace, summary: Some(&summary), cut: cut.as_ref() }.html())?;
         }
-        let text = if self.json { serde_json::to_string(&summary)? + "\n" } else { summary.text(colour()) };
-        print(&text)?;
+        print_result(self.json, &summary)?;
         Ok(code)
     }
-}
-
-fn create(path: &Path) -> anyhow::Result<(&Path, BufWriter<File>)> {
-    let file = File::create(path).with_context(|| format!("cannot write '{}'", path.display()))?;
-    Ok((path, BufWriter::new(file)))
 }
 
 fn summary(played: Played, rig: String, program: String, frames: usize, seed: u64, started: Instant) -> Summary {

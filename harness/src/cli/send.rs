@@ -10,7 +10,7 @@ use torno::report::{Bar, Frames, Summary, failures};
 use torno::send::Send;
 use torno_protocol::lathe::{BAUD, Outcome};
 
-use super::{FAILED, INTERRUPTED, Interrupt, colour, load_program, print};
+use super::{FAILED, INTERRUPTED, Interrupt, load_program, print, print_result};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -78,8 +78,7 @@ impl Arguments {
             stats: None,
             order: Vec::new(),
         };
-        let text = if self.json { serde_json::to_string(&summary)? + "\n" } else { summary.text(colour()) };
-        print(&text)?;
+        print_result(self.json, &summary)?;
         Ok(if outcome == Outcome::Completed { ExitCode::SUCCESS } else { ExitCode::from(FAILED) })
     }
 }

@@ -10,7 +10,7 @@ use torno::report::{Bar, TestReport, seed_text};
 use torno::scenario::{Scenario, run_all, run_recorded};
 use torno::session::SessionError;
 
-use super::{FAILED, colour, driver, print, start_recording};
+use super::{FAILED, driver, print, print_text, start_recording, write_file};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -62,9 +62,9 @@ impl Arguments {
         bar.clear();
         let report = TestReport::new(tested.into_iter().collect::<Result<Vec<_>, SessionError>>()?);
         if let Some(path) = &self.junit {
-            std::fs::write(path, report.junit()?).with_context(|| format!("cannot write '{}'", path.display()))?;
+            write_file(path, report.junit()?)?;
         }
-        print(&if self.json { report.json()? } else { report.text(colour()) })?;
+        if self.json { print(&report.json()?) } else { print_text(&report) }?;
         Ok(if report.passed() { ExitCode::SUCCESS } else { ExitCode::from(FAILED) })
     }
 }

@@ -1,8 +1,7 @@
 //! `torno trace`
 
-use std::fs::File;
 use std::io::{self, BufWriter, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::Context;
@@ -14,7 +13,7 @@ use torno_trace::analyser::rows;
 use torno_trace::rows::{CSV_HEADER, Filter, Row, Wanted};
 use torno_trace::{Trace, Waveforms};
 
-use super::{USAGE, colour, load_trace};
+use super::{OutputFile, USAGE, colour, load_trace, write_file};
 
 /// Goes on for so long after the end of a waveform dump whose rig this version cannot read: two characters at 50 baud.
 const LONG_TAIL: Span = Span::from_millis(400);
@@ -70,10 +69,11 @@ impl Arguments {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
         let (trace, damage) = load_trace(&self.file)?;
         if let Some(path) = &self.vcd {
-            write_waveforms(&trace, path).with_context(|| format!("cannot write '{}'", path.display()))?;
+            let file = OutputFile::create(path)?;
+            file.write_by(|file| write_waveforms(&trace, file))?;
         } else if let Some(path) = &self.report {
-            let page = Page { trace: &trace, summary: None, cut: Cut::of(&trace).as_ref() }.html()?;
-            std::fs::write(path, page).with_context(|| format!("cannot write '{}'", path.display()))?;
+            let page = Page { trace: &trace, summary: None, cut: Cut::of(&trace).as_ref() }.html();
+            write_file(path, page)?;
         } else {
             let (kinds, csv) = if self.csv { (vec!["telemetry".to_owned()], true) } else { (self.shown.kind, false) };
             let from = self.from.unwrap_or(Instant::START);
@@ -102,10 +102,10 @@ fn print_rows(first: Option<&str>, rows: impl Iterator<Item = String>) -> io::Re
     output.flush()
 }
 
-fn write_waveforms(trace: &Trace, path: &Path) -> io::Result<()> {
+fn write_waveforms(trace: &Trace, file: impl Write) -> io::Result<()> {
     let mut waveforms = Waveforms::new(&trace.header.layout);
     trace.facts.iter().for_each(|fact| waveforms.add(fact));
     let end = trace.end.as_ref().map_or(trace.settled, |end| end.at);
     let tail = RigFile::parse(&trace.header.rig, &trace.header.text).map_or(LONG_TAIL, |file| file.margin());
-    waveforms.write(BufWriter::new(File::create(path)?), end, tail)
+    waveforms.write(file, end, tail)
 }

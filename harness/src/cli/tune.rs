@@ -8,8 +8,8 @@ use torno::identify::Method;
 use torno::identify::tune::Tuning;
 use torno::observe::log;
 
-use super::identify::{Identified, Source, draw};
-use super::{colour, print};
+use super::identify::{Identified, Source};
+use super::{print_result, write_file};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -43,9 +43,9 @@ impl Arguments {
         let subject = identification.subject.clone();
         let tuning = Tuning::of(identification, on_rig.as_ref(), self.phase_margin).await.context(subject)?;
         if let Some(path) = &self.plot {
-            draw(path, &tuning.figure())?;
+            write_file(path, tuning.figure().svg()?)?;
         }
-        print(&if self.json { serde_json::to_string(&tuning)? + "\n" } else { tuning.text(colour()) })?;
+        print_result(self.json, &tuning)?;
         Ok(ExitCode::SUCCESS)
     }
 }

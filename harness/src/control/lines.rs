@@ -2,7 +2,10 @@
 
 use std::io;
 
-use tokio::io::{AsyncBufReadExt, AsyncRead, BufReader};
+use bytes::{Bytes, BytesMut};
+use futures_core::Stream;
+use tokio::io::AsyncRead;
+use tokio_util::codec::{AnyDelimiterCodec, AnyDelimiterCodecError, Decoder, FramedRead};
 
 /// The longest line, in bytes. (Ours: a fault is a few hundred.)
 const LINE_MAX: usize = 64 << 10;
@@ -18,64 +21,54 @@ pub(super) enum BadLine {
     NotText(usize),
 }
 
-/// Reads lines.
+/// Cuts what a client sends into lines. What is wrong with a line is an item, too: an error would end the stream.
 #[derive(Debug)]
-pub(super) struct Lines<R> {
-    input: BufReader<R>,
-    line: Vec<u8>,
-    /// It was too long, and has not ended yet.
-    skipping: bool,
+struct Lines(AnyDelimiterCodec);
+
+/// The lines of a client.
+pub(super) fn lines<R: AsyncRead>(input: R) -> impl Stream<Item = io::Result<Result<String, BadLine>>> {
+    let codec = AnyDelimiterCodec::new_with_max_length(b"\n".to_vec(), b"\n".to_vec(), LINE_MAX);
+    FramedRead::new(input, Lines(codec))
 }
 
-impl<R: AsyncRead + Unpin> Lines<R> {
-    pub(super) fn new(input: R) -> Self {
-        Self { input: BufReader::new(input), line: Vec::new(), skipping: false }
-    }
-
-    /// The next line, or what is wrong with it; none at the end. Cancel-safe.
-    pub(super) async fn next(&mut self) -> io::Result<Option<Result<String, BadLine>>> {
-        loop {
-            let come = self.input.fill_buf().await?;
-            if come.is_empty() {
-                // The last line may lack its end.
-                let last = !self.skipping && !self.line.is_empty();
-                return Ok(last.then(|| self.finish()));
-            }
-            let end = come.iter().position(|byte| *byte == b'\n');
-            let part = &come[..end.unwrap_or(come.len())];
-            let fits = self.line.len() + part.len() <= LINE_MAX;
-            if fits && !self.skipping {
-                self.line.extend_from_slice(part);
-            }
-            let taken = part.len() + usize::from(end.is_some());
-            self.input.consume(taken);
-            let skipped = self.skipping;
-            self.skipping = (skipped || !fits) && end.is_none();
-            if !fits && !skipped {
-                self.line.clear();
-                return Ok(Some(Err(BadLine::TooLong)));
-            }
-            if end.is_some() && !skipped {
-                return Ok(Some(self.finish()));
-            }
+impl Lines {
+    fn line(decoded: Result<Option<Bytes>, AnyDelimiterCodecError>) -> io::Result<Option<Result<String, BadLine>>> {
+        match decoded {
+            Ok(line) => Ok(line.map(|line| {
+                let text = core::str::from_utf8(&line).map(str::to_owned);
+                text.map_err(|error| BadLine::NotText(error.valid_up_to()))
+            })),
+            Err(AnyDelimiterCodecError::MaxChunkLengthExceeded) => Ok(Some(Err(BadLine::TooLong))),
+            Err(AnyDelimiterCodecError::Io(error)) => Err(error),
         }
     }
+}
 
-    fn finish(&mut self) -> Result<String, BadLine> {
-        let line = core::mem::take(&mut self.line);
-        String::from_utf8(line).map_err(|error| BadLine::NotText(error.utf8_error().valid_up_to()))
+impl Decoder for Lines {
+    type Item = Result<String, BadLine>;
+    type Error = io::Error;
+
+    fn decode(&mut self, come: &mut BytesMut) -> io::Result<Option<Self::Item>> {
+        Self::line(self.0.decode(come))
+    }
+
+    fn decode_eof(&mut self, come: &mut BytesMut) -> io::Result<Option<Self::Item>> {
+        Self::line(self.0.decode_eof(come))
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::future::poll_fn;
+    use std::pin::pin;
+
     use super::*;
 
-    async fn lines(bytes: &[u8]) -> Vec<Result<String, BadLine>> {
-        let mut lines = Lines::new(bytes);
+    async fn found(bytes: &[u8]) -> Vec<Result<String, BadLine>> {
+        let mut lines = pin!(lines(bytes));
         let mut found = Vec::new();
-        while let Some(line) = lines.next().await.unwrap() {
-            found.push(line);
+        while let Some(line) = poll_fn(|context| lines.as_mut().poll_next(context)).await {
+            found.push(line.unwrap());
         }
         found
     }
@@ -85,12 +78,12 @@ mod tests {
         let longest = "x".repeat(LINE_MAX);
         let text = |text: &str| Ok(text.to_owned());
         let long = [longest.as_bytes(), b"yz\nb\n"].concat();
-        assert_eq!(lines(b"a\n\nb").await, [text("a"), text(""), text("b")]);
-        assert_eq!(lines([longest.as_bytes(), b"\nb"].concat().as_slice()).await, [text(&longest), text("b")]);
-        assert_eq!(lines(&long).await, [Err(BadLine::TooLong), text("b")]);
+        assert_eq!(found(b"a\n\nb").await, [text("a"), text(""), text("b")]);
+        assert_eq!(found([longest.as_bytes(), b"\nb"].concat().as_slice()).await, [text(&longest), text("b")]);
+        assert_eq!(found(&long).await, [Err(BadLine::TooLong), text("b")]);
         // Its end is nowhere near.
-        assert_eq!(lines(&[longest.as_bytes(), &long].concat()).await, [Err(BadLine::TooLong), text("b")]);
-        assert_eq!(lines(longest.repeat(3).as_bytes()).await, [Err(BadLine::TooLong)]);
-        assert_eq!(lines(b"ab\xff\nb\n").await, [Err(BadLine::NotText(2)), text("b")]);
+        assert_eq!(found(&[longest.as_bytes(), &long].concat()).await, [Err(BadLine::TooLong), text("b")]);
+        assert_eq!(found(longest.repeat(3).as_bytes()).await, [Err(BadLine::TooLong)]);
+        assert_eq!(found(b"ab\xff\nb\n").await, [Err(BadLine::NotText(2)), text("b")]);
     }
 }

@@ -1,10 +1,13 @@
 //! The rig's side of the control socket.
 
+use std::future::poll_fn;
 use std::io;
 use std::os::unix::fs::FileTypeExt;
 use std::path::{Path, PathBuf};
+use std::pin::pin;
 use std::time::Duration;
 
+use futures_core::Stream;
 use rustix::fd::OwnedFd;
 use rustix::fs::Mode;
 use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType};
@@ -18,7 +21,7 @@ use tokio::task::JoinHandle;
 
 use super::Request;
 use super::backlog::{Rows, backlog};
-use super::lines::Lines;
+use super::lines::lines;
 
 /// Clients that have been accepted by the kernel and not by us.
 const BACKLOG: i32 = 16;
@@ -183,17 +186,17 @@ fn is_ours(stream: &UnixStream) -> bool {
 
 async fn serve(stream: UnixStream, calls: mpsc::Sender<Call>) -> io::Result<()> {
     let (reading, mut writing) = stream.into_split();
-    let mut lines = Lines::new(reading);
+    let mut lines = pin!(lines(reading));
     let (rows, mut to_tell) = backlog();
     loop {
         let line = tokio::select! {
-            line = lines.next() => line?,
+            line = poll_fn(|context| lines.as_mut().poll_next(context)) => line,
             rows = to_tell.next() => {
                 writing.write_all(rows.as_bytes()).await?;
                 continue;
             }
         };
-        let Some(line) = line else { return Ok(()) };
+        let Some(line) = line.transpose()? else { return Ok(()) };
         if line.as_ref().is_ok_and(|line| line.trim().is_empty()) {
             continue;
         }

@@ -9,8 +9,8 @@ use torno_identify::discrete::Discrete;
 use torno_identify::{Data, Estimate, Finding, FirstOrder, Fitted, SecondOrder, arx, doubt, nls, second_order, step};
 
 use super::bench::{LOOP_GAIN, Recording, Useless};
-use crate::report::plot::Style as Drawn;
-use crate::report::plot::{Figure, Panel, Series};
+use torno_plot::Style as Drawn;
+use torno_plot::{Figure, Panel, Series};
 
 /// The units of a motor's input and speed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -418,52 +418,6 @@ impl Identification {
         Ok(Self { subject, units, period_s, axis, result, runs })
     }
 
-    /// The table for people.
-    pub fn text(&self, colour: bool) -> String {
-        let mut text = String::new();
-        // Writing to a string cannot fail.
-        let _ = self.write(&mut text, colour);
-        text
-    }
-
-    fn write(&self, text: &mut String, colour: bool) -> fmt::Result {
-        let style = |style: Style| if colour { style } else { Style::new() };
-        let (bold, dim) = (style(Style::new().bold()), style(Style::new().dimmed()));
-        let warn = style(AnsiColor::Yellow.on_default());
-        let Outcome { method, input, s, z, gain, gain_interval, tau_s, tau_s_interval, fit_percent, .. } = &self.result;
-        let Units { input: input_unit, speed } = &self.units;
-        let what = if self.axis { "position" } else { "speed" };
-        writeln!(text, "{:<9}{bold}{}{bold:#}: {what} ({speed} per {input_unit})", "motor", self.subject)?;
-        writeln!(text, "{:<9}{bold}{}{bold:#} = {}", "in s", ratio(s, 's'), normal_form(*gain, *tau_s, self.axis))?;
-        let period = short(1e3 * self.period_s);
-        writeln!(text, "{:<9}{bold}{}{bold:#}   held and sampled every {period} ms", "in z", ratio(z, 'z'))?;
-        writeln!(text, "{:<9}{}", "gain", estimate(*gain, *gain_interval, &format!("{speed} per {input_unit}")))?;
-        writeln!(text, "{:<9}{}", "tau", estimate(*tau_s, *tau_s_interval, "s"))?;
-        if let Some(friction) = self.result.friction {
-            writeln!(text, "{:<9}{}", "friction", estimate(friction, self.result.friction_interval, input_unit))?;
-        }
-        writeln!(text, "{:<9}{fit_percent:.1} % of the response; {}, {input}", "fit", method.words())?;
-        for warning in &self.result.warnings {
-            writeln!(text, "{warn}{:<9}{warning}{warn:#}", "warning")?;
-        }
-        for run in &self.runs {
-            writeln!(text)?;
-            if let Some(finding) = &run.finding {
-                writeln!(text, "{bold}{}{bold:#}", run.input)?;
-                writeln!(text, "  {warn}{finding}{warn:#}")?;
-                continue;
-            }
-            writeln!(text, "{bold}{} ({} samples){bold:#}", run.input, run.samples)?;
-            let head =
-                format!("  {:<34}{:>10} {:>8}{:>11} {:>8}{:>8}", "method", "gain", "95 %", "tau s", "95 %", "fit");
-            writeln!(text, "{dim}{head}{dim:#}")?;
-            for row in &run.methods {
-                row.write(text, warn)?;
-            }
-        }
-        Ok(())
-    }
-
     /// The data of the run that is built on, with its model and the paper's over it, and the input below.
     pub fn figure(&self) -> Figure {
         let run = self.runs.iter().find(|run| run.input == self.result.input);
@@ -512,6 +466,46 @@ impl Identification {
     }
 }
 
+/// For people, with the colours of a terminal: what writes it elsewhere strips them.
+impl fmt::Display for Identification {
+    fn fmt(&self, text: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (bold, dim) = (Style::new().bold(), Style::new().dimmed());
+        let warn = AnsiColor::Yellow.on_default();
+        let Outcome { method, input, s, z, gain, gain_interval, tau_s, tau_s_interval, fit_percent, .. } = &self.result;
+        let Units { input: input_unit, speed } = &self.units;
+        let what = if self.axis { "position" } else { "speed" };
+        writeln!(text, "{:<9}{bold}{}{bold:#}: {what} ({speed} per {input_unit})", "motor", self.subject)?;
+        writeln!(text, "{:<9}{bold}{}{bold:#} = {}", "in s", ratio(s, 's'), normal_form(*gain, *tau_s, self.axis))?;
+        let period = short(1e3 * self.period_s);
+        writeln!(text, "{:<9}{bold}{}{bold:#}   held and sampled every {period} ms", "in z", ratio(z, 'z'))?;
+        writeln!(text, "{:<9}{}", "gain", estimate(*gain, *gain_interval, &format!("{speed} per {input_unit}")))?;
+        writeln!(text, "{:<9}{}", "tau", estimate(*tau_s, *tau_s_interval, "s"))?;
+        if let Some(friction) = self.result.friction {
+            writeln!(text, "{:<9}{}", "friction", estimate(friction, self.result.friction_interval, input_unit))?;
+        }
+        writeln!(text, "{:<9}{fit_percent:.1} % of the response; {}, {input}", "fit", method.words())?;
+        for warning in &self.result.warnings {
+            writeln!(text, "{warn}{:<9}{warning}{warn:#}", "warning")?;
+        }
+        for run in &self.runs {
+            writeln!(text)?;
+            if let Some(finding) = &run.finding {
+                writeln!(text, "{bold}{}{bold:#}", run.input)?;
+                writeln!(text, "  {warn}{finding}{warn:#}")?;
+                continue;
+            }
+            writeln!(text, "{bold}{} ({} samples){bold:#}", run.input, run.samples)?;
+            let head =
+                format!("  {:<34}{:>10} {:>8}{:>11} {:>8}{:>8}", "method", "gain", "95 %", "tau s", "95 %", "fit");
+            writeln!(text, "{dim}{head}{dim:#}")?;
+            for row in &run.methods {
+                row.write(text, warn)?;
+            }
+        }
+        Ok(())
+    }
+}
+
 impl Run {
     fn of(recording: Result<Recording, Useless>, only: Option<Method>) -> Self {
         let recording = match recording {
@@ -539,7 +533,7 @@ impl Run {
 }
 
 impl Row {
-    fn write(&self, text: &mut String, warn: Style) -> fmt::Result {
+    fn write(&self, text: &mut fmt::Formatter<'_>, warn: Style) -> fmt::Result {
         let mark = match (self.recommended, self.doubts.is_empty()) {
             (true, true) => '*',
             (true, false) => '?',

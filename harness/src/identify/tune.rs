@@ -1,6 +1,6 @@
 //! From a motor that is known to a controller for it: proposed, foretold, and shown on the rig.
 
-use std::fmt::{self, Write as _};
+use std::fmt;
 
 use anstyle::{AnsiColor, Style};
 use serde::Serialize;
@@ -12,12 +12,12 @@ use torno_protocol::time::{Instant, Span};
 
 use super::bench::Subject;
 use super::report::{Identification, digits, short};
-use crate::report::plot::{Figure, Panel, Series, Style as Drawn};
 use crate::rig::Driver;
 use crate::rig::file::RigFile;
 use crate::session::{Session, SessionError};
 use torno_engine::Fact;
 use torno_machines::motor::{Form, Law, Motor};
+use torno_plot::{Figure, Panel, Series, Style as Drawn};
 
 /// Samples of a step response that is looked at, at least; and in time constants of the motor.
 const SAMPLES: (usize, f64) = (400, 12.0);
@@ -464,19 +464,11 @@ fn smooth(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     (0..points.len()).map(mean).collect()
 }
 
-impl Tuning {
-    /// For people.
-    pub fn text(&self, colour: bool) -> String {
-        let mut text = String::new();
-        // Writing to a string cannot fail.
-        let _ = self.write(&mut text, colour);
-        text
-    }
-
-    fn write(&self, text: &mut String, colour: bool) -> fmt::Result {
-        let style = |style: Style| if colour { style } else { Style::new() };
-        let (bold, dim) = (style(Style::new().bold()), style(Style::new().dimmed()));
-        let warn = style(AnsiColor::Red.on_default().bold());
+/// For people, with the colours of a terminal: what writes it elsewhere strips them.
+impl fmt::Display for Tuning {
+    fn fmt(&self, text: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (bold, dim) = (Style::new().bold(), Style::new().dimmed());
+        let warn = AnsiColor::Red.on_default().bold();
         let Identification { subject, units, period_s, axis, result, .. } = &self.motor;
         let what = if *axis { "position" } else { "speed" };
         writeln!(text, "{:<10}{bold}{subject}{bold:#}: {what}, sampled every {} ms", "motor", short(1e3 * period_s))?;
@@ -540,8 +532,10 @@ impl Tuning {
         }
         Ok(())
     }
+}
 
-    fn write_shown(&self, text: &mut String, shown: &Seen, present: &Seen, dim: Style) -> fmt::Result {
+impl Tuning {
+    fn write_shown(&self, text: &mut fmt::Formatter<'_>, shown: &Seen, present: &Seen, dim: Style) -> fmt::Result {
         let cell = |number: Option<f64>, digits: usize| number.map_or("-".to_owned(), |n| format!("{n:.digits$}"));
         if self.motor.axis {
             let head = format!("{DISTANCE} counts on the rig");

@@ -1,6 +1,6 @@
 //! Two rigs side by side: what their buses cost.
 
-use std::fmt::{self, Write};
+use std::fmt;
 
 use anstyle::{AnsiColor, Style};
 use serde::Serialize;
@@ -73,18 +73,12 @@ impl Comparison {
     pub fn completed(&self) -> bool {
         self.rigs.iter().all(|side| side.outcome == "completed")
     }
+}
 
-    /// The table for people.
-    pub fn text(&self, colour: bool) -> String {
-        let mut text = String::new();
-        // Writing to a string cannot fail.
-        let _ = self.write(&mut text, colour);
-        text
-    }
-
-    fn write(&self, text: &mut String, colour: bool) -> fmt::Result {
-        let style = |style: Style| if colour { style } else { Style::new() };
-        let (bold, dim) = (style(Style::new().bold()), style(Style::new().dimmed()));
+/// For people, with the colours of a terminal: what writes it elsewhere strips them.
+impl fmt::Display for Comparison {
+    fn fmt(&self, text: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (bold, dim) = (Style::new().bold(), Style::new().dimmed());
         let label = |row: &Row| {
             if row.unit.is_empty() { row.quantity.clone() } else { format!("{}, {}", row.quantity, row.unit) }
         };
@@ -104,7 +98,7 @@ impl Comparison {
         let outcome = |n: usize| {
             let side = &self.rigs[n];
             let colour = if side.outcome == "completed" { AnsiColor::Green } else { AnsiColor::Red };
-            let (style, width) = (style(colour.on_default()), widths[n]);
+            let (style, width) = (colour.on_default(), widths[n]);
             format!("{style}{:>width$}{style:#}", side.outcome)
         };
         writeln!(text, "{:<first$}  {}  {}", "outcome", outcome(0), outcome(1))?;

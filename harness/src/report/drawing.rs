@@ -7,6 +7,7 @@
 use std::fmt::{Display, Write};
 
 use torno_part::{Place, Profile, deviations, outline};
+use torno_plot::escaped;
 
 use super::{Measure, PartSummary};
 use torno_machines::workpiece::Part;
@@ -488,17 +489,4 @@ impl Sheet {
             ));
         }
     }
-}
-
-/// Text that comes from a file, as XML has it.
-pub(super) fn escaped(text: &str) -> String {
-    let legal = |c: &char| !c.is_control();
-    let escape = |c: char| match c {
-        '&' => "&amp;".to_owned(),
-        '<' => "&lt;".to_owned(),
-        '>' => "&gt;".to_owned(),
-        '"' => "&quot;".to_owned(),
-        c => c.to_string(),
-    };
-    text.chars().filter(legal).map(escape).collect()
 }

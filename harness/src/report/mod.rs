@@ -1,14 +1,10 @@
 //! What a person, or a program, is told at the end of a run and on the way.
 
-mod bitmap;
-mod chart;
-mod colours;
 mod comparison;
 mod cut;
 pub mod drawing;
 pub mod page;
 mod part;
-pub mod plot;
 mod progress;
 pub mod series;
 mod stats;
@@ -16,7 +12,6 @@ mod summary;
 mod tested;
 mod timeline;
 
-pub use colours::{Colouring, Colours};
 pub use comparison::{Comparison, Side};
 pub use cut::Cut;
 pub use part::{EventSummary, Measure, PartSummary, Worst};

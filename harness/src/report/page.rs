@@ -2,10 +2,9 @@
 
 use std::fmt::{self, Display, Write};
 
-use super::chart::{ALONG, Chart, Row, SIDES};
-use super::drawing::escaped;
+use torno_plot::{Chart, Row, Series, Style, escaped};
+
 use super::part::sizes;
-use super::plot::{LINES, PlotError, Series, Style, strip};
 use super::series::{Course, Courses, Motion, decimated, lasting};
 use super::timeline::{Bus, PC_HELD, Said};
 use super::{Cut, Shares, Stats, Summary};
@@ -14,7 +13,7 @@ use torno_trace::Trace;
 const STYLE: &str = include_str!("page/style.css");
 const SCRIPT: &str = include_str!("page/zoom.js");
 /// Columns that a line is drawn in: two for each px of a chart, for whoever looks closer.
-const COLUMNS: u64 = 2 * ALONG as u64;
+const COLUMNS: u64 = 2 * Row::ALONG as u64;
 /// So many rows of what was said are listed.
 const LISTED: usize = 2_000;
 
@@ -31,21 +30,15 @@ pub struct Page<'a> {
 
 impl Page<'_> {
     /// The page.
-    ///
-    /// # Errors
-    /// [`PlotError`] if a plot cannot be drawn.
-    pub fn html(&self) -> Result<String, PlotError> {
+    pub fn html(&self) -> String {
         let courses = Courses::new(self.trace);
         let motions = courses.motions(self.trace);
         let bus = Bus::new(self.trace, &courses);
-        let mut charts = Vec::new();
-        for motion in &motions {
-            charts.push(self.chart(motion)?.svg());
-        }
+        let charts: Vec<String> = motions.iter().map(|motion| self.chart(motion).svg()).collect();
         let mut html = String::new();
         // Writing to a string cannot fail.
         let _ = self.write(&mut html, &motions, &charts, &bus);
-        Ok(html)
+        html
     }
 
     fn until(&self) -> f64 {
@@ -108,34 +101,32 @@ impl Page<'_> {
     }
 
     /// One strip below the other: how it went, the error, the drive.
-    fn chart(&self, motion: &Motion) -> Result<Chart, PlotError> {
+    fn chart(&self, motion: &Motion) -> Chart {
         let range = (0.0, self.until());
         let series = |name: &str, course: &Course| {
             Series::new(name, Style::Steps, decimated(course, self.trace.until(), COLUMNS))
         };
         let mut rows = Vec::new();
         let mut add = |label: &str, unit: &str, height: u32, keys: Vec<&'static str>, series: &[Series]| {
-            let drawn = strip(series, range, (Row::WIDTH, height), SIDES)?;
             let gap = if rows.is_empty() { 0 } else { 16 };
             let (label, unit) = (label.to_owned(), unit.to_owned());
-            rows.push(Row { label, unit, keys, height, gap, axes: drawn.axes, data: drawn.lines, size: LINES });
-            Ok::<_, PlotError>(())
+            rows.push(Row { label, unit, keys, gap, ..Row::of_series(series, range, height) });
         };
         let mut got = vec![series(motion.what, &motion.got)];
         got.extend(motion.asked.as_ref().map(|asked| series("set point", asked)));
         let keys = if got.len() > 1 { vec![motion.what, "set point"] } else { Vec::new() };
-        add(motion.what, &motion.unit, 170, keys, &got)?;
+        add(motion.what, &motion.unit, 170, keys, &got);
         if let Some(error) = &motion.error {
-            add("following error", &motion.unit, 92, Vec::new(), &[series("error", error)])?;
+            add("following error", &motion.unit, 92, Vec::new(), &[series("error", error)]);
         }
         if let Some(drive) = &motion.drive {
-            add("drive", "LSB", 92, Vec::new(), &[series("drive", drive)])?;
+            add("drive", "LSB", 92, Vec::new(), &[series("drive", drive)]);
         }
         if let Some(offset) = &motion.offset {
-            add("carriage offset", &motion.unit, 72, Vec::new(), &[series("offset", offset)])?;
+            add("carriage offset", &motion.unit, 72, Vec::new(), &[series("offset", offset)]);
         }
         let id = format!("chart-{}-{}", slug(&motion.name), motion.what);
-        Ok(Chart { id, title: format!("{}: {}", motion.name, motion.what), range, unit: "s", rows })
+        Chart { id, title: format!("{}: {}", motion.name, motion.what), range, unit: "s", rows }
     }
 
     fn write_cards(&self, html: &mut String, bus: &Bus<'_>) -> fmt::Result {

@@ -1,6 +1,6 @@
 //! What is told of the part that a run has turned.
 
-use std::fmt::{self, Write};
+use std::fmt;
 
 use anstyle::Style;
 use serde::Serialize;
@@ -129,7 +129,7 @@ impl PartSummary {
         }
     }
 
-    pub(super) fn write(&self, text: &mut String, problem: Style) -> fmt::Result {
+    pub(super) fn write(&self, text: &mut fmt::Formatter<'_>, problem: Style) -> fmt::Result {
         let [turned, asked] = [&self.cylinders, &self.asked].map(|measures| sizes(measures, "x"));
         writeln!(text, "{:<9}turned {turned} (diameter x length, from the face)", "part")?;
         writeln!(text, "{:<9}asked  {asked}", "")?;

@@ -1,6 +1,6 @@
 //! What limits a rig: turns, bytes, and where the wall time goes.
 
-use std::fmt::{self, Write};
+use std::fmt;
 use std::time::Duration;
 
 use anstyle::Style;
@@ -94,7 +94,7 @@ impl Stats {
     }
 
     /// The table for people.
-    pub(super) fn write(&self, text: &mut String, bold: Style) -> fmt::Result {
+    pub(super) fn write(&self, text: &mut fmt::Formatter<'_>, bold: Style) -> fmt::Result {
         let head = ["turns", "a virtual s", "redone", "bytes to it", "from it", "waited for"];
         let [turns, per_s, redone, to, from, waited] = head;
         let head = format!("{:<12} {turns:>8} {per_s:>12} {redone:>7} {to:>12} {from:>8} {waited:>12}", "cost");
@@ -110,7 +110,7 @@ impl Stats {
 }
 
 impl Shares {
-    fn write(&self, text: &mut String, name: &str) -> fmt::Result {
+    fn write(&self, text: &mut fmt::Formatter<'_>, name: &str) -> fmt::Result {
         let Self { turns, turns_per_virtual_s: per_s, redone, bytes_per_turn, waiting_s } = *self;
         let redone = per(100.0 * redone as f64, turns as f64);
         let shown = |bytes: fn(BytesPerTurn) -> f64| match bytes_per_turn {

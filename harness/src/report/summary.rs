@@ -1,7 +1,7 @@
 //! The summary at the end of a program.
 
 use std::collections::BTreeMap;
-use std::fmt::{self, Write};
+use std::fmt;
 
 use anstyle::{AnsiColor, Style};
 use serde::Serialize;
@@ -103,19 +103,10 @@ pub fn failures(conversation: &Conversation) -> Vec<String> {
     conversation.failures.iter().map(|(party, fault)| format!("{} failed: {fault}", party.name())).collect()
 }
 
-impl Summary {
-    /// The summary for people.
-    pub fn text(&self, colour: bool) -> String {
-        let mut text = String::new();
-        // Writing to a string cannot fail.
-        let _ = self.write(&mut text, colour);
-        text
-    }
-
-    fn write(&self, text: &mut String, colour: bool) -> fmt::Result {
-        let style = |style: Style| if colour { style } else { Style::new() };
-        let dim = style(Style::new().dimmed());
-        let bold = style(Style::new().bold());
+/// For people, with the colours of a terminal: what writes it elsewhere strips them.
+impl fmt::Display for Summary {
+    fn fmt(&self, text: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (bold, dim) = (Style::new().bold(), Style::new().dimmed());
         if !self.boards.is_empty() {
             writeln!(text, "{bold}{:<12} {:>8}  at the end{bold:#}", "process", "pid")?;
             writeln!(text, "{:<12} {:>8}  {dim}time, lines and the PC{dim:#}", "harness", self.pid)?;
@@ -127,7 +118,7 @@ impl Summary {
             }
             writeln!(text)?;
         }
-        let problem = style(AnsiColor::Red.on_default().bold());
+        let problem = AnsiColor::Red.on_default().bold();
         for line in self.incidents.iter().chain(&self.failures) {
             writeln!(text, "{problem}{line}{problem:#}")?;
         }
@@ -159,7 +150,7 @@ impl Summary {
             writeln!(text, "{:<9}{digest} (seed {seed})", "digest")?;
         }
         let colour = if self.outcome == "completed" { AnsiColor::Green } else { AnsiColor::Red };
-        let outcome = style(colour.on_default().bold());
+        let outcome = colour.on_default().bold();
         writeln!(text, "{:<9}{outcome}{}{outcome:#}", "outcome", self.outcome)?;
         match &self.stats {
             Some(stats) => stats.write(text, bold),

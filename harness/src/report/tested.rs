@@ -1,10 +1,10 @@
 //! How scenarios ended: for people, as JSON, as JUnit XML.
 
 use std::collections::BTreeMap;
-use std::fmt::Write as _;
+use std::fmt;
 use std::time::Duration;
 
-use anstyle::{AnsiColor, Style};
+use anstyle::AnsiColor;
 use quick_junit::{NonSuccessKind, Report, TestCase, TestCaseStatus, TestSuite};
 use serde::Serialize;
 
@@ -101,39 +101,6 @@ impl TestReport {
         self.tested.iter().all(|tested| tested.outcome.failures.is_empty())
     }
 
-    /// For people: a line for each, and for one that failed what explains it.
-    pub fn text(&self, colour: bool) -> String {
-        let style =
-            |ansi: AnsiColor| if colour { Style::new().bold().fg_color(Some(ansi.into())) } else { Style::new() };
-        let (good, bad) = (style(AnsiColor::Green), style(AnsiColor::Red));
-        let width = self.tested.iter().map(|tested| tested.name.chars().count()).max().unwrap_or(0);
-        let mut text = String::new();
-        for tested in &self.tested {
-            let failed = !tested.outcome.failures.is_empty();
-            let (style, word) = if failed { (bad, "FAILED") } else { (good, "passed") };
-            let virtual_s = tested.outcome.end.as_secs_f64();
-            let wall = tested.wall.as_secs_f64() * 1e3;
-            let name = &tested.name;
-            _ = writeln!(text, "{style}{word}{style:#}  {name:width$}  {virtual_s:>9.3} s virtual  {wall:>8.1} ms");
-            if failed {
-                _ = writeln!(text, "  seed      {}", seed_text(tested.seed, &tested.drawn));
-            }
-            for failure in &tested.outcome.failures {
-                _ = writeln!(text, "{failure}");
-            }
-            if failed {
-                _ = writeln!(text, "  again     {}", tested.again());
-            }
-        }
-        let failed = self.tested.iter().filter(|tested| !tested.outcome.failures.is_empty()).count();
-        let passed = self.tested.len() - failed;
-        _ = match failed {
-            0 => writeln!(text, "{good}{passed} passed{good:#}"),
-            _ => writeln!(text, "{bad}{failed} failed{bad:#}, {passed} passed"),
-        };
-        text
-    }
-
     /// A line of JSON for each.
     ///
     /// # Errors
@@ -166,6 +133,37 @@ impl TestReport {
         let mut report = Report::new("torno test");
         report.add_test_suite(suite);
         report.to_string()
+    }
+}
+
+/// For people: a line for each, and for one that failed what explains it; with the colours of a terminal.
+impl fmt::Display for TestReport {
+    fn fmt(&self, text: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [good, bad] = [AnsiColor::Green, AnsiColor::Red].map(|colour| colour.on_default().bold());
+        let width = self.tested.iter().map(|tested| tested.name.chars().count()).max().unwrap_or(0);
+        for tested in &self.tested {
+            let failed = !tested.outcome.failures.is_empty();
+            let (style, word) = if failed { (bad, "FAILED") } else { (good, "passed") };
+            let virtual_s = tested.outcome.end.as_secs_f64();
+            let wall = tested.wall.as_secs_f64() * 1e3;
+            let name = &tested.name;
+            writeln!(text, "{style}{word}{style:#}  {name:width$}  {virtual_s:>9.3} s virtual  {wall:>8.1} ms")?;
+            if failed {
+                writeln!(text, "  seed      {}", seed_text(tested.seed, &tested.drawn))?;
+            }
+            for failure in &tested.outcome.failures {
+                writeln!(text, "{failure}")?;
+            }
+            if failed {
+                writeln!(text, "  again     {}", tested.again())?;
+            }
+        }
+        let failed = self.tested.iter().filter(|tested| !tested.outcome.failures.is_empty()).count();
+        let passed = self.tested.len() - failed;
+        match failed {
+            0 => writeln!(text, "{good}{passed} passed{good:#}"),
+            _ => writeln!(text, "{bad}{failed} failed{bad:#}, {passed} passed"),
+        }
     }
 }
 

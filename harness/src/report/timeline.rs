@@ -4,11 +4,9 @@
 
 use std::fmt::Write;
 
+use torno_plot::{Chart, Row, escaped};
 use torno_protocol::time::Instant;
 
-use super::chart::{ALONG, Chart, Row};
-use super::drawing::escaped;
-use super::plot::LINES;
 use super::series::{Course, Courses, lasting};
 use torno_bus::STOPPED;
 use torno_engine::LineId;
@@ -164,13 +162,13 @@ impl<'a> Bus<'a> {
     /// All of it, over the whole time.
     pub(super) fn chart(&self) -> Chart {
         let mut rows = Vec::new();
-        let columns = (MOST / self.lines.len().max(1) as u64).min(u64::from(ALONG) * 3);
+        let columns = (MOST / self.lines.len().max(1) as u64).min(u64::from(Row::ALONG) * 3);
         let mut before = None;
         for (n, line) in self.lines.iter().enumerate() {
             let link = ends(&self.layout.lines[*line]);
             let gap = if before.replace(link) == Some(link) || n == 0 { 2 } else { 14 };
             let data = self.marks(&self.said(*line), columns);
-            rows.push(Row { label: self.name(*line), height: 22, gap, data, size: LINES, ..Row::default() });
+            rows.push(Row { label: self.name(*line), height: 22, gap, data, ..Row::default() });
             let next = self.lines.get(n + 1).map(|line| &self.layout.lines[*line]);
             if next.is_none_or(|next| ends(next) != link) {
                 rows.extend(self.states.iter().filter(|state| state.of == link).map(|state| self.state_row(state)));
@@ -181,7 +179,7 @@ impl<'a> Bus<'a> {
             let said: Vec<Said> = self.inputs.iter().map(said).collect();
             let data = self.marks(&said.iter().collect::<Vec<_>>(), columns);
             let label = "from outside".to_owned();
-            rows.push(Row { label, height: 22, gap: 14, data, size: LINES, ..Row::default() });
+            rows.push(Row { label, height: 22, gap: 14, data, ..Row::default() });
         }
         Chart {
             id: "chart-bus".to_owned(),
@@ -193,7 +191,7 @@ impl<'a> Bus<'a> {
     }
 
     fn x(&self, at: Instant) -> f64 {
-        at.as_nanos() as f64 / self.until.as_nanos().max(1) as f64 * f64::from(LINES.0)
+        at.as_nanos() as f64 / self.until.as_nanos().max(1) as f64 * f64::from(Row::UNITS.0)
     }
 
     /// A mark for each thing, or for all of a kind that one column would show in one place.
@@ -238,7 +236,7 @@ impl<'a> Bus<'a> {
                 escaped(&title)
             );
         }
-        Row { label: state.name.clone(), height: 12, gap: 5, data, size: LINES, ..Row::default() }
+        Row { label: state.name.clone(), height: 12, gap: 5, data, ..Row::default() }
     }
 
     /// From where to where it is shown close up, in seconds: what the PC said first, and what came of it at once.
@@ -262,7 +260,7 @@ impl<'a> Bus<'a> {
     /// The first that the PC said, close up: every character.
     pub(super) fn close_up(&self) -> Option<Chart> {
         let range = self.first_burst()?;
-        let x = |seconds: f64| (seconds - range.0) / (range.1 - range.0) * f64::from(ALONG);
+        let x = |seconds: f64| (seconds - range.0) / (range.1 - range.0) * f64::from(Row::ALONG);
         let within = |said: &&Said| (range.0..=range.1).contains(&said.at.as_secs_f64());
         let mut rows = Vec::new();
         for line in &self.lines {
@@ -277,7 +275,7 @@ impl<'a> Bus<'a> {
             for said in &characters {
                 // It is told in the middle of its stop bit.
                 let from = x(said.at.as_secs_f64() - 0.95 * length);
-                let width = length / (range.1 - range.0) * f64::from(ALONG);
+                let width = length / (range.1 - range.0) * f64::from(Row::ALONG);
                 let class = if said.flaw { "flaw" } else { "character" };
                 let _ = write!(
                     data,
@@ -298,9 +296,10 @@ impl<'a> Bus<'a> {
                 let from = x(first.as_secs_f64() - 0.95 * length);
                 // Short messages may begin further left, if there is room.
                 let wide = width_of(&said.text);
-                let from = from.min(f64::from(ALONG) - wide).max(free);
-                let room =
-                    messages.get(n + 1).map_or(f64::from(ALONG), |next| x(next.at.as_secs_f64() - length).max(from));
+                let from = from.min(f64::from(Row::ALONG) - wide).max(free);
+                let room = messages
+                    .get(n + 1)
+                    .map_or(f64::from(Row::ALONG), |next| x(next.at.as_secs_f64() - length).max(from));
                 let shown = fitting(&said.text, room - from);
                 free = from + width_of(&shown) + 10.0;
                 let _ = write!(
@@ -311,7 +310,14 @@ impl<'a> Bus<'a> {
                     escaped(&said.text)
                 );
             }
-            rows.push(Row { label: self.name(*line), height: 46, gap: 6, data, size: (ALONG, 46), ..Row::default() });
+            rows.push(Row {
+                label: self.name(*line),
+                height: 46,
+                gap: 6,
+                data,
+                size: (Row::ALONG, 46),
+                ..Row::default()
+            });
         }
         Some(Chart {
             id: "chart-close".to_owned(),

@@ -4,9 +4,9 @@ use torno_servo::contour::{Axes, Place, Shape, Task};
 
 use super::controller::{Controller, ControllerError, Ended, Gain};
 use super::line::RigLine;
-use crate::report::plot::{Figure, Panel, Series, Style};
 use crate::rig::Driver;
 use crate::rig::file::RigFile;
+use torno_plot::{Figure, Panel, Series, Style};
 
 /// The fullest drive and the speed that it gives, by the sheet: counts/s per LSB, and the gains' sixteenths.
 const COUNTS_PER_S_PER_LSB: f64 = 2_083.333_333_333 / 127.0;

@@ -8,8 +8,8 @@ use torno_servo::{Program, TICKS_PER_S};
 use super::controller::{Ended, Sample};
 use torno_trace::End;
 
-use crate::report::plot::{Figure, Panel, Series, Style};
 use crate::session::EndedBoard;
+use torno_plot::{Figure, Panel, Series, Style};
 
 /// Samples of the window in which Servo v1.0 shows the following error: 4 s (§3.1).
 pub const WINDOW: usize = 800;

@@ -9,19 +9,17 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::Context;
 use serde_json::json;
 use torno::observe::log;
-use torno::report::plot::Figure;
-use torno::report::{Colouring, Colours};
 use torno::rig::file::RigFile;
 use torno::send::SendError;
 use torno::servo::report::graph;
 use torno::servo::{Controller, ControllerError, Gain, Line, LineError, SerialLine};
 use torno::text_file::TextError;
+use torno_plot::{Colouring, Colours, Figure};
 use torno_servo::{Compiled, Finding, Language, Limits, Severity, compile};
 
-use super::{FAILED, INTERRUPTED, Interrupt, USAGE, driver, load_rig, print, start_recording};
+use super::{FAILED, INTERRUPTED, Interrupt, OutputFile, USAGE, driver, load_rig, print, start_recording, write_file};
 
 /// The rig that is meant where no port is named.
 const RIG: &str = "servo";
@@ -241,17 +239,14 @@ impl Paint {
     fn draw(&self, path: &Path, figure: &Figure) -> anyhow::Result<()> {
         let colours = Colours::with(&self.colour);
         if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")) {
-            return write(path, &figure.png_in(&colours)?);
+            return write(path, figure.png_in(&colours)?);
         }
-        write(path, figure.svg_in(&colours)?.as_bytes())
+        write(path, figure.svg_in(&colours)?)
     }
 }
 
-fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
-    if path == Path::new("-") {
-        return print(bytes);
-    }
-    std::fs::write(path, bytes).with_context(|| format!("cannot write '{}'", path.display()))
+fn write(path: &Path, bytes: impl AsRef<[u8]>) -> anyhow::Result<()> {
+    if path == Path::new("-") { print(&bytes) } else { write_file(path, bytes) }
 }
 
 /// What came of a conversation with the controller. If it has none, the exit code.

@@ -11,8 +11,8 @@ use torno::servo::controller::parts;
 use torno::servo::{Controller, Ended, Line, Report, RigLine};
 
 use super::{
-    FAILED, INTERRUPTED, Interrupt, Paint, Place, Source, Stand, connected, driver, gains, print, start_recording,
-    write,
+    FAILED, INTERRUPTED, Interrupt, OutputFile, Paint, Place, Source, Stand, connected, driver, gains, print,
+    start_recording, write,
 };
 
 #[derive(Debug, clap::Args)]
@@ -88,9 +88,8 @@ impl Arguments {
     async fn on_rig(&self, source: &Source) -> anyhow::Result<ExitCode> {
         let file = self.place.rig()?;
         let header = file.header(&self.place.rig, 0, Some(&source.name));
-        // Before anything runs: a file that cannot be written must not cost a run.
         let recorder = self.record.as_deref().map(|path| start_recording(path, &header)).transpose()?;
-        let page = self.report.as_deref().map(|path| create(path).map(|file| (path, file))).transpose()?;
+        let page = self.report.as_ref().map(OutputFile::create).transpose()?;
         let mut line = RigLine::start(&file, &driver(self.in_process)?).await?;
         line.set_pace(self.pace)?;
         if let Some(recorder) = recorder {
@@ -103,10 +102,8 @@ impl Arguments {
         let ran = self.on(&mut controller, source).await;
         let outcome = ran.as_ref().map_or("failed", |report| report.ended.name());
         let left = controller.disconnect().end(outcome).await?;
-        if let (Some((path, mut file)), Some(trace)) = (page, &left.trace) {
-            let html = Page { trace, summary: None, cut: None }.html()?;
-            let written = std::io::Write::write_all(&mut file, html.as_bytes());
-            written.with_context(|| format!("cannot write '{}'", path.display()))?;
+        if let (Some(file), Some(trace)) = (page, &left.trace) {
+            file.write(Page { trace, summary: None, cut: None }.html())?;
         }
         self.tell(&Report { rig: Some((left.end, left.boards)), ..ran? })
     }
@@ -166,7 +163,7 @@ impl Arguments {
             self.paint.draw(path, &report.figure())?;
         }
         if let Some(path) = &self.csv {
-            write(path, report.csv().as_bytes())?;
+            write(path, report.csv())?;
         }
         let on_output = [&self.out, &self.csv].into_iter().flatten().any(|path| path == Path::new("-"));
         let text = if self.json { format!("{}\n", report.json()) } else { report.text() };
@@ -181,8 +178,4 @@ impl Arguments {
             Ended::Stopped => ExitCode::from(INTERRUPTED),
         })
     }
-}
-
-fn create(path: &Path) -> anyhow::Result<std::fs::File> {
-    std::fs::File::create(path).with_context(|| format!("cannot write '{}'", path.display()))
 }

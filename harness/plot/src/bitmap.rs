@@ -25,7 +25,7 @@ const NO_LETTER: char = '?';
 type Drawn = Result<(), DrawingErrorKind<Infallible>>;
 
 /// A picture that is being drawn on.
-pub(super) struct Bitmap<'a> {
+pub(crate) struct Bitmap<'a> {
     points: Points,
     texts: Vec<Text>,
     picture: &'a mut Picture,
@@ -33,9 +33,9 @@ pub(super) struct Bitmap<'a> {
 
 /// A picture: three bytes a pixel, by rows from above.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Picture {
-    pub(super) size: (u32, u32),
-    pub(super) pixels: Vec<u8>,
+pub(crate) struct Picture {
+    pub(crate) size: (u32, u32),
+    pub(crate) pixels: Vec<u8>,
 }
 
 /// The points, finer than the pixels.
@@ -90,7 +90,7 @@ fn mix(below: &mut [u8], colour: BackendColor, share: f64) {
 
 impl<'a> Bitmap<'a> {
     /// An empty picture of a plot of this size; it is in `picture` when it has been presented.
-    pub(super) fn new((width, height): (u32, u32), picture: &'a mut Picture) -> Self {
+    pub(crate) fn new((width, height): (u32, u32), picture: &'a mut Picture) -> Self {
         let size = (width as i32 * FINE * POINTS, height as i32 * FINE * POINTS);
         let points = Points { size, colours: vec![[255; 3]; size.0 as usize * size.1 as usize] };
         picture.size = (width * FINE as u32, height * FINE as u32);
@@ -277,47 +277,12 @@ impl DrawingBackend for Bitmap<'_> {
 
 impl Picture {
     /// As PNG.
-    pub(super) fn png(&self) -> Result<Vec<u8>, png::EncodingError> {
+    pub(crate) fn png(&self) -> Result<Vec<u8>, png::EncodingError> {
         let mut bytes = Vec::new();
         let mut encoder = png::Encoder::new(&mut bytes, self.size.0, self.size.1);
         encoder.set_color(png::ColorType::Rgb);
         encoder.set_depth(png::BitDepth::Eight);
         encoder.write_header()?.write_image_data(&self.pixels)?;
         Ok(bytes)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::super::plot::{Figure, Panel, Series, Style};
-    use super::super::{Colouring, Colours};
-
-    /// Size and pixels.
-    fn drawn(colours: &[&str], title: &str) -> ((u32, u32), Vec<[u8; 3]>) {
-        let colours: Vec<Colouring> = colours.iter().map(|colour| colour.parse().unwrap()).collect();
-        let series = Series::new("s", Style::Line, vec![(0.0, 0.0), (1.0, 1.0)]);
-        let panel = Panel { x: "t".to_owned(), y: "s".to_owned(), height: 1.0, series: vec![series] };
-        let png = Figure { title: title.to_owned(), panels: vec![panel] }.png_in(&Colours::with(&colours)).unwrap();
-        let mut reader = png::Decoder::new(std::io::Cursor::new(png)).read_info().unwrap();
-        let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
-        let info = reader.next_frame(&mut bytes).unwrap();
-        ((info.width, info.height), bytes.chunks(3).map(|pixel| pixel.try_into().unwrap()).collect())
-    }
-
-    #[test]
-    fn a_picture_has_its_lines_and_letters_in_their_colours() {
-        let colours = ["background=102030", "text=00ff00", "line1=ff0000", "grid=102030", "axes=102030"];
-        let (size, pixels) = drawn(&colours, "wykres ż");
-        assert_eq!((size, pixels[0]), ((1_920, 928), [0x10, 0x20, 0x30]));
-        let count = |colour: [u8; 3]| pixels.iter().filter(|pixel| **pixel == colour).count();
-        // The line goes over the whole panel, four pixels thick.
-        assert!(count([0xff, 0, 0]) > 4_000, "{}", count([0xff, 0, 0]));
-        assert!(count([0, 0xff, 0]) > 100, "{}", count([0, 0xff, 0]));
-        // Nothing else is in it than these and what is between them and the ground.
-        let red_and_green = pixels.iter().filter(|[red, green, _]| *red > 0x80 && *green > 0x80).count();
-        assert_eq!(red_and_green, 0);
-        let (_, without) = drawn(&colours, "");
-        let above = |pixels: &[[u8; 3]]| pixels[..80 * 1_920].iter().filter(|pixel| pixel[1] > 0x80).count();
-        assert!(above(&pixels) > 100 && above(&without) == 0);
     }
 }

@@ -1,12 +1,12 @@
-//! Plots, as SVG: panels one below the other, each with its axes, units, grid and legend.
+//! Figures: panels one below the other, each with its axes, units, grid and legend.
 
 use std::fmt;
 
-use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint, Ranged};
 use plotters::prelude::*;
 
-use super::bitmap::{Bitmap, Picture};
-use super::colours::{Colours, LINES as COLOURS};
+use crate::axis::{Axis, number, range};
+use crate::bitmap::{Bitmap, Picture};
+use crate::colours::Colours;
 
 /// The width of a plot, in px.
 const WIDTH: u32 = 960;
@@ -149,73 +149,6 @@ impl Figure {
     }
 }
 
-/// Series in a strip of a page: the axes as they are seen, and the lines apart from them, so that the page can stretch
-/// them along the time without drawing them anew.
-pub(super) struct Strip {
-    /// Grid lines and the labels of the vertical axis, as elements of a drawing as large as the strip.
-    pub(super) axes: String,
-    /// The lines, as elements of a drawing of [`LINES`] units.
-    pub(super) lines: String,
-}
-
-/// The units of a strip's lines: far finer than what is seen.
-pub(super) const LINES: (u32, u32) = (20_000, 2_000);
-
-/// A strip over `x`, of so many px, with so much of it left of the axis and right of the end.
-pub(super) fn strip(
-    series: &[Series],
-    x: (f64, f64),
-    size: (u32, u32),
-    (left, right): (u32, u32),
-) -> Result<Strip, PlotError> {
-    let y = range(series.iter().flat_map(|series| &series.points).map(|(_, y)| *y), 0.06);
-    // Quantities are whole numbers: nothing stands between two of them.
-    let y = (y.0, (y.1 + 0.06 * (y.1 - y.0)).max(y.0 + 1.2));
-    let labels = (size.1 / 18).clamp(2, 7).min((y.1 - y.0).min(7.0).ceil() as u32);
-    let axes = drawn(size, |area| {
-        let mut chart = ChartBuilder::on(area)
-            .y_label_area_size(left)
-            .margin_right(right)
-            .build_cartesian_2d(Axis(x), Axis(y))
-            .map_err(PlotError::of)?;
-        chart
-            .configure_mesh()
-            .disable_x_mesh()
-            .disable_x_axis()
-            .light_line_style(TRANSPARENT)
-            .label_style(("sans-serif", 12).into_font())
-            .y_labels(labels as usize)
-            .y_label_formatter(&|y| number(*y))
-            .draw()
-            .map_err(PlotError::of)
-    })?;
-    let lines = drawn(LINES, |area| {
-        let mut chart = ChartBuilder::on(area).build_cartesian_2d(Axis(x), Axis(y)).map_err(PlotError::of)?;
-        // The first lies above the others.
-        let coloured: Vec<_> = series.iter().zip(COLOURS.iter().cycle()).collect();
-        for (series, colour) in coloured.into_iter().rev() {
-            chart.draw_series(LineSeries::new(series.points.iter().copied(), colour)).map_err(PlotError::of)?;
-        }
-        Ok(())
-    })?;
-    Ok(Strip { axes, lines })
-}
-
-/// The elements of a drawing, without the drawing around them.
-fn drawn(
-    size: (u32, u32),
-    draw: impl FnOnce(&DrawingArea<SVGBackend<'_>, plotters::coord::Shift>) -> Result<(), PlotError>,
-) -> Result<String, PlotError> {
-    let mut svg = String::new();
-    {
-        let area = SVGBackend::with_string(&mut svg, size).into_drawing_area();
-        draw(&area)?;
-        area.present().map_err(PlotError::of)?;
-    }
-    let inside = svg.split_once('>').and_then(|(_, rest)| rest.rsplit_once("</svg>"));
-    Ok(inside.map_or_else(String::new, |(inside, _)| inside.trim().to_owned()))
-}
-
 impl Panel {
     fn draw<B: DrawingBackend>(&self, area: &Area<B>, colours: &Colours) -> Result<(), PlotError> {
         let all = || self.series.iter().flat_map(|series| &series.points);
@@ -300,67 +233,9 @@ impl Panel {
     }
 }
 
-/// An axis with its labels at round numbers.
-struct Axis((f64, f64));
-
-impl Ranged for Axis {
-    type FormatOption = DefaultFormatting;
-    type ValueType = f64;
-
-    fn map(&self, value: &f64, limit: (i32, i32)) -> i32 {
-        let (low, high) = self.0;
-        limit.0 + ((value - low) / (high - low) * f64::from(limit.1 - limit.0)).round() as i32
-    }
-
-    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
-        ticks(self.0, hint.max_num_points())
-    }
-
-    fn range(&self) -> std::ops::Range<f64> {
-        self.0.0..self.0.1
-    }
-}
-
-/// The round numbers within a range that stand on its axis.
-pub(super) fn ticks((low, high): (f64, f64), most: usize) -> Vec<f64> {
-    let rough = (high - low) / most.clamp(2, 12) as f64;
-    let power = libm::pow(10.0, libm::floor(libm::log(rough) / core::f64::consts::LN_10));
-    let step = [1.0, 2.0, 5.0, 10.0].map(|factor| factor * power).into_iter().find(|step| *step >= rough);
-    let step = step.unwrap_or(10.0 * power);
-    let (first, last) = ((low / step - 1e-9).ceil() as i64, (high / step + 1e-9).floor() as i64);
-    (first..=last).map(|n| n as f64 * step).collect()
-}
-
-/// From the least to the greatest, with some room; never nothing.
-fn range(values: impl Iterator<Item = f64>, room: f64) -> (f64, f64) {
-    let (low, high) = values.fold((f64::MAX, f64::MIN), |(low, high), value| (low.min(value), high.max(value)));
-    if low > high {
-        return (0.0, 1.0);
-    }
-    let room = if high > low { room * (high - low) } else { 0.5 * high.abs().max(1.0) };
-    // What is never below 0 begins there.
-    (if low >= 0.0 && (low < 0.5 * high || low == high) { 0.0 } else { low - room }, high + room)
-}
-
-/// A number on an axis: no more digits than it needs.
-pub(super) fn number(value: f64) -> String {
-    let text = format!("{:.6}", if value.abs() < 1e-9 { 0.0 } else { value });
-    text.trim_end_matches('0').trim_end_matches('.').to_owned()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn labels_are_at_round_numbers() {
-        let axis = Axis((0.0, 402.8));
-        assert_eq!(axis.key_points(6), [0.0, 100.0, 200.0, 300.0, 400.0]);
-        assert_eq!(
-            Axis((-0.3, 0.3)).key_points(4).iter().map(|x| number(*x)).collect::<Vec<_>>(),
-            ["-0.2", "0", "0.2"]
-        );
-    }
 
     /// It stands above its panel, in as many rows as it needs.
     #[test]

@@ -1,11 +1,10 @@
 //! The colours of a plot, and how they are said.
 
 use plotters::style::RGBColor;
-
 use torno_text::nearest;
 
 /// Colours that are told apart by most eyes (Okabe and Ito).
-pub(super) const LINES: [RGBColor; 6] = [
+const LINES: [RGBColor; 6] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
@@ -20,12 +19,12 @@ const PARTS: [&str; 11] =
 /// The colours of a plot.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Colours {
-    pub(super) background: RGBColor,
-    pub(super) grid: RGBColor,
-    pub(super) axes: RGBColor,
-    pub(super) text: RGBColor,
-    pub(super) data: RGBColor,
-    pub(super) lines: [RGBColor; 6],
+    pub(crate) background: RGBColor,
+    pub(crate) grid: RGBColor,
+    pub(crate) axes: RGBColor,
+    pub(crate) text: RGBColor,
+    pub(crate) data: RGBColor,
+    pub(crate) lines: [RGBColor; 6],
 }
 
 impl Default for Colours {

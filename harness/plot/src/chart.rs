@@ -6,63 +6,107 @@
 
 use std::fmt::Write;
 
-use super::drawing::escaped;
-use super::plot::{number, ticks};
+use crate::axis::{number, range, ticks};
+use crate::{Series, escaped};
 
 /// The width of a chart, in px.
 const WIDTH: u32 = 1000;
 /// Left of the axis, and right of its end.
-pub(super) const SIDES: (u32, u32) = (176, 14);
-/// The width along which the time goes.
-pub(super) const ALONG: u32 = WIDTH - SIDES.0 - SIDES.1;
+const SIDES: (u32, u32) = (176, 14);
+/// The width along which the time goes, in px.
+const ALONG: u32 = WIDTH - SIDES.0 - SIDES.1;
 /// The room above the rows, for a label at the very end of an axis.
 const ABOVE: u32 = 6;
 /// The room of the time's axis.
 const TIME: u32 = 30;
 
 /// A chart.
-pub(super) struct Chart {
+pub struct Chart {
     /// Its name in the page.
-    pub(super) id: String,
+    pub id: String,
     /// What it shows, for those who cannot see it.
-    pub(super) title: String,
+    pub title: String,
     /// From where to where, in `unit`.
-    pub(super) range: (f64, f64),
+    pub range: (f64, f64),
     /// What the time is counted in.
-    pub(super) unit: &'static str,
+    pub unit: &'static str,
     /// The rows, from above.
-    pub(super) rows: Vec<Row>,
+    pub rows: Vec<Row>,
 }
 
 /// A row of a chart.
-#[derive(Default)]
-pub(super) struct Row {
+pub struct Row {
     /// What it is.
-    pub(super) label: String,
+    pub label: String,
     /// Its unit, or more about it.
-    pub(super) unit: String,
+    pub unit: String,
     /// What the lines are, by the number of their colours.
-    pub(super) keys: Vec<&'static str>,
+    pub keys: Vec<&'static str>,
     /// In px.
-    pub(super) height: u32,
+    pub height: u32,
     /// What is left free above it, in px.
-    pub(super) gap: u32,
+    pub gap: u32,
     /// What does not go with the time: elements, as large as the row of a chart.
-    pub(super) axes: String,
+    pub axes: String,
     /// What does: elements.
-    pub(super) data: String,
-    /// As large as this.
-    pub(super) size: (u32, u32),
+    pub data: String,
+    /// As large as this, across and down.
+    pub size: (u32, u32),
+}
+
+impl Default for Row {
+    fn default() -> Self {
+        let (label, unit, axes, data) = (String::new(), String::new(), String::new(), String::new());
+        Self { label, unit, keys: Vec::new(), height: 0, gap: 0, axes, data, size: Self::UNITS }
+    }
 }
 
 impl Row {
-    /// The whole chart is as wide as this.
-    pub(super) const WIDTH: u32 = WIDTH;
+    /// The width along which the time goes, in px.
+    pub const ALONG: u32 = ALONG;
+    /// The usual size of what goes with the time: far finer than what is seen.
+    pub const UNITS: (u32, u32) = (20_000, 2_000);
+
+    /// A row of so many px with its scale and, along the time, a line for each series; the first lies above the others.
+    pub fn of_series(series: &[Series], time: (f64, f64), height: u32) -> Self {
+        let y = range(series.iter().flat_map(|series| &series.points).map(|(_, y)| *y), 0.06);
+        // Quantities are whole numbers: nothing stands between two of them.
+        let y = (y.0, (y.1 + 0.06 * (y.1 - y.0)).max(y.0 + 1.2));
+        let labels = (height / 18).clamp(2, 7).min((y.1 - y.0).min(7.0).ceil() as u32);
+        let along = |(low, high): (f64, f64), value: f64, last: u32| {
+            ((value - low) / (high - low) * f64::from(last)).round() as i64
+        };
+        let (left, right, bottom) = (SIDES.0, WIDTH - SIDES.1 - 1, height - 1);
+        let mut axes = format!("<g class=\"scale\"><path d=\"M{} 0V{bottom}\"/>", left - 1);
+        for tick in ticks(y, labels as usize) {
+            let at = i64::from(bottom) - along(y, tick, bottom);
+            // Writing to a string cannot fail.
+            let _ = write!(
+                axes,
+                "<path class=\"grid\" d=\"M{left} {at}H{right}\"/><path d=\"M{} {at}h5\"/>\
+                 <text x=\"{}\" y=\"{at}\" dy=\"0.5ex\">{}</text>",
+                left - 6,
+                left - 10,
+                number(tick)
+            );
+        }
+        axes.push_str("</g>");
+        let (across, down) = (Self::UNITS.0 - 1, Self::UNITS.1 - 1);
+        let mut data = String::new();
+        for (n, series) in series.iter().enumerate().rev() {
+            let place = |(x, of): &(f64, f64)| (along(time, *x, across), i64::from(down) - along(y, *of, down));
+            let mut places: Vec<(i64, i64)> = series.points.iter().map(place).collect();
+            places.dedup();
+            let points: Vec<String> = places.into_iter().map(|(x, y)| format!("{x},{y}")).collect();
+            let _ = writeln!(data, "<polyline class=\"c{n}\" points=\"{}\"/>", points.join(" "));
+        }
+        Self { height, axes, data, ..Self::default() }
+    }
 }
 
 impl Chart {
     /// The elements of the chart.
-    pub(super) fn svg(&self) -> String {
+    pub fn svg(&self) -> String {
         let height = ABOVE + self.rows.iter().map(|row| row.gap + row.height).sum::<u32>();
         let mut svg = String::new();
         let (id, title, all) = (escaped(&self.id), escaped(&self.title), height + TIME);
