@@ -1,9 +1,5 @@
 //! The command line: bad input is refused before anything runs, with a message that says where and what was expected.
 
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
-
-mod common;
-
 use std::fs;
 use std::io::{Read, Write};
 use std::os::fd::OwnedFd;
@@ -13,7 +9,7 @@ use std::process::{Command, Output, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
-use common::{folder, output, torno, wait_until};
+use crate::common::{folder, output, torno, wait_until};
 
 const LATHE: &str = include_str!("../harness/builtin/lathe.toml");
 
@@ -200,7 +196,7 @@ fn a_program_with_crlf_and_no_last_newline_is_read() {
     let path = file(folder.path(), "my.frames", "0a 00 00 00 00 00 00 00\r\n\r\n00 00 00 00 00 00 00 00 # stop");
     let output = output(&["run", &path, "--json"]);
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
-    assert_eq!(common::json(&output)["frames"]["accepted"], 2);
+    assert_eq!(crate::common::json(&output)["frames"]["accepted"], 2);
 }
 
 // --- links, dumps, ports --------------------------------------------------------------------------------------------

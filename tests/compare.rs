@@ -1,13 +1,9 @@
 //! `torno compare`, and what it compares: the lathe of four boards and the one of one board.
 
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
-
-mod common;
-
 use std::fs;
 use std::path::Path;
 
-use common::{folder, json, output};
+use crate::common::{folder, json, output};
 use serde_json::Value;
 use torno::pc::PcEvent;
 use torno::play::{DEMONSTRATION, Play};

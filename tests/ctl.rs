@@ -1,9 +1,5 @@
 //! A rig that is up, steered and broken from outside, while a client is at its port.
 
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
-
-mod common;
-
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::fs::PermissionsExt;
@@ -11,7 +7,7 @@ use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 
-use common::{ACK, AT_REST, CAN, LONG, PATIENCE, SHORT, Up, XON, folder, kill, output, torno, wait_until};
+use crate::common::{ACK, AT_REST, CAN, LONG, PATIENCE, SHORT, Up, XON, folder, kill, output, torno, wait_until};
 use serde_json::Value;
 
 fn stderr(output: &Output) -> String {
@@ -26,7 +22,7 @@ fn control(up: &Up) -> String {
 fn ctl(up: &Up, arguments: &[&str]) -> Value {
     let output = output(&[&["ctl", "--json", "--socket", &control(up)], arguments].concat());
     assert!(output.status.success(), "{arguments:?}: {}", stderr(&output));
-    common::json(&output)
+    crate::common::json(&output)
 }
 
 /// `torno ctl`, which must be refused; what it complains of.

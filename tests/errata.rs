@@ -1,12 +1,8 @@
 //! The page on what is wrong in the paper: its commands print what it says.
 
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
-
-mod common;
-
 use std::fs;
 
-use common::torno;
+use crate::common::torno;
 
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 

@@ -1,14 +1,10 @@
 //! Boards, wires and motors that fail while a whole program runs.
 
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
-
-mod common;
-
 use std::collections::BTreeSet;
 use std::io::Write;
 
-use common::play::*;
-use common::{ACK, NAK, XOFF, XON, folder, json, output};
+use crate::common::play::*;
+use crate::common::{ACK, NAK, XOFF, XON, folder, json, output};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use torno::pc::{PcEvent, PcUart};

@@ -1,13 +1,9 @@
 //! Faults in time: when one begins and ends, which counts as fired, and what a rig that is up says of them.
 
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
-
-mod common;
-
 use std::fs;
 use std::process::Output;
 
-use common::{ACK, AT_REST, Up, XON, folder, kill, output, test, wait_until};
+use crate::common::{ACK, AT_REST, Up, XON, folder, kill, output, test, wait_until};
 use serde_json::Value;
 use torno::rig::Driver;
 use torno::scenario::{self, Outcome, Scenario};
@@ -179,7 +175,7 @@ fn ctl(up: &Up, arguments: &[&str]) -> Output {
 }
 
 fn faults(up: &Up) -> Vec<String> {
-    let state = common::json(&ctl(up, &["state"]));
+    let state = crate::common::json(&ctl(up, &["state"]));
     let faults = state["faults"].as_array().unwrap().iter();
     faults.map(|fault| fault["name"].as_str().unwrap().to_owned()).collect()
 }
@@ -203,7 +199,7 @@ fn a_state_tells_of_no_fault_that_is_over() {
     assert_eq!(faults(&up), [""; 0]);
     // It holds already.
     let when = "{ board = \"depth\", quantity = \"drive\", at_most = 0 }";
-    let begun: Value = common::json(&ctl(&up, &["fault", "stall", "depth", "--when", when]));
+    let begun: Value = crate::common::json(&ctl(&up, &["fault", "stall", "depth", "--when", when]));
     assert!(begun["since"].is_u64(), "{begun}");
 }
 
@@ -232,6 +228,6 @@ fn at_full_speed_a_quiet_rig_goes_on_to_the_next_fault() {
     let up = Up::start(&["--pace", "max", "--faults", path.to_str().unwrap()]);
     up.wait_for_log("fault 'soon' begins");
     wait_until("it is over", || faults(&up).is_empty());
-    let state = common::json(&ctl(&up, &["state"]));
+    let state = crate::common::json(&ctl(&up, &["state"]));
     assert!((600_000_000_000..700_000_000_000).contains(&state["ns"].as_u64().unwrap()), "{state}");
 }

@@ -1,13 +1,9 @@
 //! `torno identify` and `torno tune`: what a motor is, from its own encoder or a file, and a controller for it.
 
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
-
-mod common;
-
 use std::fs;
 use std::path::Path;
 
-use common::{folder, json, output};
+use crate::common::{folder, json, output};
 use serde_json::Value;
 
 const LATHE: &str = include_str!("../harness/builtin/lathe.toml");

@@ -1,13 +1,9 @@
 //! The part that is turned: what `torno run` tells and draws of it, and what scenarios expect of it.
 
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
-
-mod common;
-
 use std::fs;
 use std::path::Path;
 
-use common::{folder, json, output};
+use crate::common::{folder, json, output};
 use serde_json::Value;
 use torno::rig::file::RigFile;
 use torno::rig::part::Part;

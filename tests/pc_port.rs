@@ -3,14 +3,11 @@
 //! A test waits for facts: for bytes, or for a line in the rig's log. Where time itself is tested, its bounds are lower
 //! ones only: a busy machine is late, never early.
 
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
 #![allow(clippy::disallowed_methods, reason = "a port at pace 1 is measured by the wall clock")]
-
-mod common;
 
 use std::fs::{self, File};
 use std::io::{Read, Write};
-use std::os::unix::fs::{MetadataExt, PermissionsExt, chown};
+use std::os::unix::fs::{MetadataExt, chown};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
@@ -18,9 +15,9 @@ use std::sync::mpsc;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use common::clients::*;
-use common::{ACK, AT_REST, LONG, NAK, PATIENCE, Pc, Up, XOFF, XON};
-use common::{folder, is_installed, kill, torno, wait_until};
+use crate::common::clients::*;
+use crate::common::{ACK, AT_REST, LONG, NAK, PATIENCE, Pc, Up, XOFF, XON};
+use crate::common::{folder, is_installed, kill, torno, wait_until};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serialport::{ClearBuffer, FlowControl, SerialPort};
@@ -450,8 +447,9 @@ fn exclusive_mode_of_a_client_that_was_killed_does_not_lock_out_the_next() {
     };
     // The target folder may be closed to others.
     let exe = folder.path().join("program");
-    fs::copy(env!("CARGO_BIN_EXE_torno"), &exe).unwrap();
-    fs::set_permissions(&exe, PermissionsExt::from_mode(0o755)).unwrap();
+    // By another process: one that this one forks meanwhile would keep a file open that it writes, which cannot be run.
+    let copied = Command::new("install").args(["-m", "755", env!("CARGO_BIN_EXE_torno")]).arg(&exe).status();
+    assert!(copied.unwrap().success());
     let program = program(folder.path(), &[LONG, AT_REST]);
     [folder.path(), &exe, &program].into_iter().for_each(own);
     let runtime = folder.path().to_owned();

@@ -1,9 +1,6 @@
 //! Boards as processes: killed, stopped, continued, and what is left when the harness ends.
 
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
 #![allow(clippy::disallowed_methods, reason = "processes live and die by the wall clock")]
-
-mod common;
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -13,8 +10,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use common::{ACK, AT_REST, CAN, LONG, NAK, PATIENCE, Pc, SHORT, Up, XOFF, XON};
-use common::{folder, is_alive, json, kill, torno, wait_until};
+use crate::common::{ACK, AT_REST, CAN, LONG, NAK, PATIENCE, Pc, SHORT, Up, XOFF, XON};
+use crate::common::{folder, is_alive, json, kill, torno, wait_until};
 
 const BOARDS: [&str; 4] = ["master", "spindle", "transverse", "depth"];
 

@@ -1,6 +1,6 @@
 //! Recordings that earlier versions made, one of each command that records, are read, reported and replayed.
 //!
-//! The files are never made again: those of a format's version lie in a folder of its own, `recordings/v3` for version 3.
+//! The files are never made again: those of version 3 of the format lie in `recordings/v3`, and so on.
 //!
 //! - `run`: three short frames, `depth.clock_ppm=200`
 //! - `run-faults`: the same frames with `--faults`: noise, a flipped bit, a late edge, a load, a drift, a reset
@@ -10,15 +10,11 @@
 //!   continued, killed
 //! - `up-servo`: the same motion program from `servo run --port`
 
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
-
-mod common;
-
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use common::{folder, json, output};
+use crate::common::{folder, json, output};
 use serde_json::Value;
 
 const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/recordings");

@@ -1,15 +1,12 @@
 //! The report: a page that agrees with what is told otherwise, stands alone, and shows its plots in a browser.
 
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
 #![allow(clippy::disallowed_methods, reason = "the wall clock is what one test is about")]
-
-mod common;
 
 use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-use common::{folder, is_installed, json, output};
+use crate::common::{folder, is_installed, json, output};
 use serde_json::Value;
 use torno::report::page::Page;
 use torno::rig::file::RigFile;

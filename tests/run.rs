@@ -1,17 +1,13 @@
 //! Whole programs through `torno run`: what it prints, the digest, the waveforms.
 
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
-
-mod common;
-
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 
-use common::play::*;
-use common::{ACK, CAN, XOFF, XON, folder, is_installed, json, output};
+use crate::common::play::*;
+use crate::common::{ACK, CAN, XOFF, XON, folder, is_installed, json, output};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde_json::Value;
@@ -80,9 +76,9 @@ fn a_program_that_gets_no_further_is_given_up() {
         .map(|more| json(&output(more))["digest"].as_str().unwrap().to_owned())
         .into();
     assert_eq!(digests.len(), 1, "{digests:?}");
-    let repeated = common::output(&["replay", trace.to_str().unwrap()]);
+    let repeated = crate::common::output(&["replay", trace.to_str().unwrap()]);
     assert!(String::from_utf8_lossy(&repeated.stdout).starts_with("same digest"), "{repeated:?}");
-    let wrong = common::output(&["run", "--patience", "long"]);
+    let wrong = crate::common::output(&["run", "--patience", "long"]);
     assert_eq!(wrong.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&wrong.stderr).contains("--patience: 'long': expected a time"), "{wrong:?}");
 }
@@ -104,7 +100,7 @@ fn a_run_breaks_what_it_is_told_to() {
         assert!(log.starts_with("seed 0, fault.chip.value = "), "{log}");
         assert!(log.contains("fault 'chip' begins") && log.contains("the fault 'late' has not fired"), "{log}");
         digests.insert(json(&output)["digest"].as_str().unwrap().to_owned());
-        let repeated = common::output(&["replay", trace.to_str().unwrap()]);
+        let repeated = crate::common::output(&["replay", trace.to_str().unwrap()]);
         assert!(String::from_utf8_lossy(&repeated.stdout).starts_with("same digest"), "{repeated:?}");
     }
     assert_eq!(digests.len(), 1, "{digests:?}");

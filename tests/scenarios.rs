@@ -1,16 +1,12 @@
 //! The scenarios in the folder beside this file: all hold, the same with processes and without, and what is wrong with
 //! one is told.
 
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
-
-mod common;
-
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-use common::{output, test};
+use crate::common::{output, test};
 use torno::fault::{BOARD_KINDS, LINE_KINDS};
 use torno::observe::Sum;
 use torno::rig::Driver;

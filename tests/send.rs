@@ -1,18 +1,15 @@
 //! `torno send`: the PC on any serial port.
 
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
 #![allow(clippy::disallowed_methods, reason = "a port at pace 1 is measured by the wall clock")]
-
-mod common;
 
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::thread;
 
-use common::clients::*;
-use common::{AT_REST, Up};
-use common::{folder, json, output, torno};
+use crate::common::clients::*;
+use crate::common::{AT_REST, Up};
+use crate::common::{folder, json, output, torno};
 use serde_json::Value;
 
 /// Sends a program, and gives the summary and the exit code.

@@ -1,9 +1,6 @@
 //! The servo stand: the board and its loop over the real line, and the PC program on the rig.
 
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
 #![allow(clippy::disallowed_methods, reason = "what is expected is not compared to the last digit")]
-
-mod common;
 
 use std::cell::RefCell;
 use std::fs;
@@ -11,7 +8,7 @@ use std::path::Path;
 use std::process::Output;
 use std::rc::Rc;
 
-use common::{folder, json, output, torno};
+use crate::common::{folder, json, output, torno};
 use torno::rig::Driver;
 use torno::rig::file::RigFile;
 use torno::servo::{Controller, Ended, Gain, RigLine, Sample, contour};

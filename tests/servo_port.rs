@@ -1,9 +1,6 @@
 //! The servo stand's PC program at serial ports: that of a rig, and those at which something is wrong.
 
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
 #![allow(clippy::disallowed_methods, reason = "how long a port takes is measured by the wall clock")]
-
-mod common;
 
 use std::fs;
 use std::io::{Read, Write};
@@ -13,7 +10,7 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use common::{Pc, Up, folder, json, kill, output, torno, wait_until};
+use crate::common::{Pc, Up, folder, json, kill, output, torno, wait_until};
 
 /// An error at a port is told within this time.
 const TOLD: Duration = Duration::from_secs(2);

@@ -1,12 +1,8 @@
 //! What a rig costs, as far as it can be counted: that holds on any machine, and a clock need not be read.
 
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
-
-mod common;
-
 use std::fs;
 
-use common::{folder, json, output, rig_of};
+use crate::common::{folder, json, output, rig_of};
 use serde_json::Value;
 
 /// What `torno run --stats` tells, with what it costs at `stats`.

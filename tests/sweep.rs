@@ -1,14 +1,10 @@
 //! `torno sweep`: tables over seeds and values, shards that make the whole, and the fewest faults that still fail.
 
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
-
-mod common;
-
 use std::fs;
 use std::path::Path;
 use std::process::Output;
 
-use common::{folder, output};
+use crate::common::{folder, output};
 
 const NOISE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/sweeps/line-noise.toml");
 const CLOCK: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/sweeps/clock-margin.toml");
@@ -133,7 +129,7 @@ fn a_failure_names_the_fewest_faults_that_cause_it() {
     assert!(text.contains("came      ACK XOFF CAN d n"), "{text}");
     assert!(text.ends_with(&format!("\n  again     torno test '{}' --seed 0\n", path.display())), "{text}");
 
-    let varied = |more: &[&str]| text_of(&common::output(&[&["sweep", path.to_str().unwrap()], more].concat()));
+    let varied = |more: &[&str]| text_of(&crate::common::output(&[&["sweep", path.to_str().unwrap()], more].concat()));
     let text = varied(&["--seeds", "2", "--vary", "fault.cable.at=10 ms,20 ms"]);
     let again = format!("torno sweep '{}' --seed 0 --vary 'fault.cable.at=10 ms'", path.display());
     assert!(text.ends_with(&format!("\n  again     {again}\n")), "{text}");

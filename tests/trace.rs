@@ -1,9 +1,5 @@
 //! Traces from outside: recorded by `run` and `up`, then printed, exported, repeated and compared.
 
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
-
-mod common;
-
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
 use std::os::unix::fs::PermissionsExt;
@@ -11,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Output, Stdio};
 use std::time::Duration;
 
-use common::{ACK, LONG, NAK, SHORT, Up, XOFF, XON, folder, json, kill, output, torno, wait_until};
+use crate::common::{ACK, LONG, NAK, SHORT, Up, XOFF, XON, folder, json, kill, output, torno, wait_until};
 use serde_json::Value;
 use serialport::SerialPort;
 use torno::fault;

@@ -6,6 +6,7 @@
 #![allow(clippy::unwrap_used, reason = "without an answer there is nothing to measure")]
 #![allow(clippy::disallowed_methods, reason = "this measures by the wall clock")]
 
+#[allow(dead_code, reason = "of what the tests share, it uses a part")]
 #[path = "../common/mod.rs"]
 mod common;
 mod lockstep;

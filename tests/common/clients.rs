@@ -1,8 +1,5 @@
 //! What tests with a serial client share: frames, a rig that logs every byte, a client that is held.
 
-#![allow(dead_code, unreachable_pub, reason = "every test has a copy and uses a part")]
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
-
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -11,22 +8,22 @@ use serialport::{FlowControl, SerialPort};
 use super::{Pc, Up, folder, torno, wait_until};
 
 /// Feed 225 counts, depth 1 slot out: about a second. The spindle stays at rest: stopping it takes ten.
-pub const FEED: [u8; 8] = [0x00, 0xe1, 0x00, 0xe1, 0x00, 0x00, 0x01, 0x00];
+pub(crate) const FEED: [u8; 8] = [0x00, 0xe1, 0x00, 0xe1, 0x00, 0x00, 0x01, 0x00];
 /// Depth 5 slots out: about three seconds, time enough to do something while the slaves are busy.
-pub const MEDIUM: [u8; 8] = [0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x05, 0x00];
+pub(crate) const MEDIUM: [u8; 8] = [0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x05, 0x00];
 /// Any user who is not root.
-pub const NOBODY: u32 = 65_534;
+pub(crate) const NOBODY: u32 = 65_534;
 
-pub fn times(up: &Up, text: &str) -> usize {
+pub(crate) fn times(up: &Up, text: &str) -> usize {
     up.log().matches(text).count()
 }
 
-pub fn wait_for_times(up: &Up, text: &str, n: usize) {
+pub(crate) fn wait_for_times(up: &Up, text: &str, n: usize) {
     wait_until(&format!("{text:?} is logged {n} times; log:\n{}", up.log()), || times(up, text) >= n);
 }
 
 /// A rig that logs every byte that the PC's UART sends and receives.
-pub fn traced(arguments: &[&str]) -> Up {
+pub(crate) fn traced(arguments: &[&str]) -> Up {
     let folder = folder();
     let mut command = torno(&["up", "--json", "--link", folder.path().join("pc").to_str().unwrap()]);
     command.args(arguments).env("RUST_LOG", "torno=trace");
@@ -34,14 +31,14 @@ pub fn traced(arguments: &[&str]) -> Up {
 }
 
 /// A client that leaves being held to its operating system.
-pub fn pc_with_ixon(up: &Up) -> Pc {
+pub(crate) fn pc_with_ixon(up: &Up) -> Pc {
     let mut pc = up.pc();
     pc.port.set_flow_control(FlowControl::Software).unwrap();
     pc
 }
 
 /// A program file with these frames.
-pub fn program(folder: &Path, frames: &[[u8; 8]]) -> PathBuf {
+pub(crate) fn program(folder: &Path, frames: &[[u8; 8]]) -> PathBuf {
     let line = |frame: &[u8; 8]| frame.map(|byte| format!("{byte:02x}")).join(" ");
     let path = folder.join("test.frames");
     fs::write(&path, frames.iter().map(line).collect::<Vec<_>>().join("\n")).unwrap();

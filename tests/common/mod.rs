@@ -1,11 +1,9 @@
 //! What the tests of the whole share: the program under test, a rig that is up, a PC at its port.
 
-#![allow(dead_code, unreachable_pub, reason = "every test has a copy and uses a part")]
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
 #![allow(clippy::disallowed_methods, reason = "patience has an end by the wall clock")]
 
-pub mod clients;
-pub mod play;
+pub(crate) mod clients;
+pub(crate) mod play;
 
 use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
@@ -16,35 +14,35 @@ use serde_json::Value;
 use serialport::{SerialPort, TTYPort};
 
 /// How long anything may take before a test gives it up. Never waited for in a test that passes.
-pub const PATIENCE: Duration = Duration::from_secs(60);
+pub(crate) const PATIENCE: Duration = Duration::from_secs(60);
 
-pub const ACK: u8 = 0x06;
-pub const XON: u8 = 0x11;
-pub const XOFF: u8 = 0x13;
-pub const NAK: u8 = 0x15;
-pub const CAN: u8 = 0x18;
+pub(crate) const ACK: u8 = 0x06;
+pub(crate) const XON: u8 = 0x11;
+pub(crate) const XOFF: u8 = 0x13;
+pub(crate) const NAK: u8 = 0x15;
+pub(crate) const CAN: u8 = 0x18;
 
 /// Moves nothing and leaves the spindle standing: done after a few samples.
-pub const AT_REST: [u8; 8] = [0; 8];
+pub(crate) const AT_REST: [u8; 8] = [0; 8];
 /// Spindle to 200 rpm, feed 225 counts, depth 1 slot out: done after about a second.
-pub const SHORT: [u8; 8] = [0x0a, 0xe1, 0x00, 0xe1, 0x00, 0x00, 0x01, 0x00];
+pub(crate) const SHORT: [u8; 8] = [0x0a, 0xe1, 0x00, 0xe1, 0x00, 0x00, 0x01, 0x00];
 /// Depth 400 slots: four and a half minutes.
-pub const LONG: [u8; 8] = [0x00, 0x00, 0x00, 0x00, 0x00, 0x01, 0x90, 0x00];
+pub(crate) const LONG: [u8; 8] = [0x00, 0x00, 0x00, 0x00, 0x00, 0x01, 0x90, 0x00];
 
 /// The program under test.
-pub fn torno(arguments: &[&str]) -> Command {
+pub(crate) fn torno(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_torno"));
     command.args(arguments).env_remove("RUST_LOG").stdin(Stdio::null());
     command
 }
 
 /// Runs it to its end.
-pub fn output(arguments: &[&str]) -> Output {
+pub(crate) fn output(arguments: &[&str]) -> Output {
     torno(arguments).output().unwrap()
 }
 
 /// Writes a scenario, and tests it through the binary: the exit code, standard output, standard error, the path.
-pub fn test(text: &str) -> (Option<i32>, String, String, String) {
+pub(crate) fn test(text: &str) -> (Option<i32>, String, String, String) {
     let folder = folder();
     let path = folder.path().join("a.toml");
     std::fs::write(&path, text).unwrap();
@@ -56,7 +54,7 @@ pub fn test(text: &str) -> (Option<i32>, String, String, String) {
 
 /// Whether a program that others wrote is there, as `check` finds out. Where it is not, says that its test is skipped;
 /// in CI it must be there.
-pub fn is_installed(name: &str, check: &mut Command) -> bool {
+pub(crate) fn is_installed(name: &str, check: &mut Command) -> bool {
     let found = check.stdin(Stdio::null()).output().is_ok_and(|output| output.status.success());
     if !found {
         assert!(std::env::var_os("CI").is_none(), "{name} is not installed, and in CI nothing is skipped");
@@ -67,7 +65,7 @@ pub fn is_installed(name: &str, check: &mut Command) -> bool {
 }
 
 /// What it printed as JSON, one line.
-pub fn json(output: &Output) -> Value {
+pub(crate) fn json(output: &Output) -> Value {
     let text = std::str::from_utf8(&output.stdout).unwrap();
     assert_eq!(text.lines().count(), 1, "{text}\n{}", String::from_utf8_lossy(&output.stderr));
     serde_json::from_str(text).unwrap()
@@ -75,7 +73,7 @@ pub fn json(output: &Output) -> Value {
 
 /// A rig file of so many masters with three slaves each: `master0`, `spindle0`… The PC is at the first one; nothing
 /// is at the PC's port of the others, which idle.
-pub fn rig_of(masters: usize) -> String {
+pub(crate) fn rig_of(masters: usize) -> String {
     let mut text = "name = \"masters\"\ndialect = \"lathe\"\n[pc]\nport = \"master0.pc\"\n".to_owned();
     for n in 0..masters {
         for kind in ["master", "spindle", "transverse", "depth"] {
@@ -89,12 +87,12 @@ pub fn rig_of(masters: usize) -> String {
 }
 
 /// A folder of the test's own.
-pub fn folder() -> tempfile::TempDir {
+pub(crate) fn folder() -> tempfile::TempDir {
     tempfile::tempdir().unwrap()
 }
 
 /// Waits for a fact, without hope of being told.
-pub fn wait_until(what: &str, mut fact: impl FnMut() -> bool) {
+pub(crate) fn wait_until(what: &str, mut fact: impl FnMut() -> bool) {
     let start = Instant::now();
     while !fact() {
         assert!(start.elapsed() < PATIENCE, "never came true: {what}");
@@ -103,28 +101,28 @@ pub fn wait_until(what: &str, mut fact: impl FnMut() -> bool) {
 }
 
 /// Whether a process runs, or is stopped: not whether it has died and waits to be buried.
-pub fn is_alive(pid: u64) -> bool {
+pub(crate) fn is_alive(pid: u64) -> bool {
     let Ok(status) = std::fs::read_to_string(format!("/proc/{pid}/stat")) else { return false };
     let state = status.rsplit(')').next().and_then(|rest| rest.split_whitespace().next());
     !matches!(state, Some("Z" | "X"))
 }
 
 /// Sends a signal, as a user would.
-pub fn kill(signal: &str, pid: u64) {
+pub(crate) fn kill(signal: &str, pid: u64) {
     let status = Command::new("kill").args([signal, &pid.to_string()]).status().unwrap();
     assert!(status.success(), "kill {signal} {pid}");
 }
 
 /// A rig that is up, until it is dropped.
-pub struct Up {
-    pub child: Child,
-    pub ready: Value,
+pub(crate) struct Up {
+    pub(crate) child: Child,
+    pub(crate) ready: Value,
     folder: tempfile::TempDir,
 }
 
 impl Up {
     /// `torno up --json` with more arguments, in a folder of its own; waits until it is ready.
-    pub fn start(arguments: &[&str]) -> Self {
+    pub(crate) fn start(arguments: &[&str]) -> Self {
         let folder = folder();
         let mut command = torno(&["up", "--json", "--link", folder.path().join("pc").to_str().unwrap()]);
         command.args(arguments);
@@ -132,7 +130,7 @@ impl Up {
     }
 
     /// Any command that ends in `torno up --json`; its log goes into `folder`.
-    pub fn launch(mut command: Command, folder: tempfile::TempDir) -> Self {
+    pub(crate) fn launch(mut command: Command, folder: tempfile::TempDir) -> Self {
         let log = std::fs::File::create(folder.path().join("log")).unwrap();
         let mut child = command.stdout(Stdio::piped()).stderr(log).spawn().unwrap();
         let mut line = String::new();
@@ -141,28 +139,28 @@ impl Up {
         Self { child, ready, folder }
     }
 
-    pub fn pid(&self) -> u64 {
+    pub(crate) fn pid(&self) -> u64 {
         u64::from(self.child.id())
     }
 
-    pub fn board(&self, name: &str) -> u64 {
+    pub(crate) fn board(&self, name: &str) -> u64 {
         self.ready["boards"][name]["pid"].as_u64().unwrap()
     }
 
-    pub fn boards(&self) -> Vec<u64> {
+    pub(crate) fn boards(&self) -> Vec<u64> {
         ["master", "spindle", "transverse", "depth"].map(|name| self.board(name)).to_vec()
     }
 
-    pub fn link(&self) -> PathBuf {
+    pub(crate) fn link(&self) -> PathBuf {
         PathBuf::from(self.ready["ports"]["pc"]["path"].as_str().unwrap())
     }
 
     /// What it has logged so far.
-    pub fn log(&self) -> String {
+    pub(crate) fn log(&self) -> String {
         std::fs::read_to_string(self.folder.path().join("log")).unwrap()
     }
 
-    pub fn wait_for_log(&self, text: &str) {
+    pub(crate) fn wait_for_log(&self, text: &str) {
         let start = Instant::now();
         while !self.log().contains(text) {
             assert!(start.elapsed() < PATIENCE, "never logged: {text}\n{}", self.log());
@@ -170,7 +168,7 @@ impl Up {
         }
     }
 
-    pub fn pc(&self) -> Pc {
+    pub(crate) fn pc(&self) -> Pc {
         Pc::open(&self.link(), 9600)
     }
 }
@@ -183,22 +181,22 @@ impl Drop for Up {
 }
 
 /// A PC at a serial port: a client that blocks.
-pub struct Pc {
-    pub port: TTYPort,
+pub(crate) struct Pc {
+    pub(crate) port: TTYPort,
 }
 
 impl Pc {
-    pub fn open(path: &Path, baud: u32) -> Self {
+    pub(crate) fn open(path: &Path, baud: u32) -> Self {
         let port = serialport::new(path.to_str().unwrap(), baud).timeout(PATIENCE).open_native().unwrap();
         Self { port }
     }
 
-    pub fn write(&mut self, bytes: &[u8]) {
+    pub(crate) fn write(&mut self, bytes: &[u8]) {
         self.port.write_all(bytes).unwrap();
     }
 
     /// The next `n` bytes.
-    pub fn read(&mut self, n: usize) -> Vec<u8> {
+    pub(crate) fn read(&mut self, n: usize) -> Vec<u8> {
         let mut bytes = vec![0; n];
         let mut got = 0;
         while got < n {
@@ -214,12 +212,12 @@ impl Pc {
     }
 
     /// Expects exactly these bytes next.
-    pub fn expect(&mut self, bytes: &[u8]) {
+    pub(crate) fn expect(&mut self, bytes: &[u8]) {
         assert_eq!(self.read(bytes.len()), bytes, "expected {bytes:02x?}");
     }
 
     /// Whether nothing has come that has not been read.
-    pub fn is_silent(&self) -> bool {
+    pub(crate) fn is_silent(&self) -> bool {
         self.port.bytes_to_read().unwrap() == 0
     }
 }

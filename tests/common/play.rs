@@ -1,8 +1,5 @@
 //! What tests of a whole run share: a play in processes, and a reader of waveform dumps of their own.
 
-#![allow(dead_code, unreachable_pub, reason = "every test has a copy and uses a part")]
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
-
 use std::collections::BTreeMap;
 
 use torno::fault::{self, Planned};
@@ -13,46 +10,46 @@ use torno::rig::names::Names;
 use torno_protocol::lathe::Program;
 use torno_protocol::time::{Instant, Span};
 
-pub const ENQ: u8 = 0x05;
-pub const BEL: u8 = 0x07;
-pub const CAN: u8 = 0x18;
+pub(crate) const ENQ: u8 = 0x05;
+pub(crate) const BEL: u8 = 0x07;
+pub(crate) const CAN: u8 = 0x18;
 
 /// The lines of the rig: the PC's, then the slaves', each with the bytes of a frame that its slave gets.
-pub const PC_LINES: [&str; 2] = ["pc_to_master", "master_to_pc"];
-pub const SLAVE_LINES: [(&str, &str, std::ops::Range<usize>); 3] = [
+pub(crate) const PC_LINES: [&str; 2] = ["pc_to_master", "master_to_pc"];
+pub(crate) const SLAVE_LINES: [(&str, &str, std::ops::Range<usize>); 3] = [
     ("master_to_spindle", "spindle_to_master", 0..1),
     ("master_to_transverse", "transverse_to_master", 1..5),
     ("master_to_depth", "depth_to_master", 5..8),
 ];
 
-pub const BAUD: u64 = 9600;
-pub const SECOND: u64 = 1_000_000_000;
+pub(crate) const BAUD: u64 = 9600;
+pub(crate) const SECOND: u64 = 1_000_000_000;
 /// A character of ten bits, in nanoseconds.
-pub const CHARACTER: u64 = 10 * SECOND / BAUD;
+pub(crate) const CHARACTER: u64 = 10 * SECOND / BAUD;
 
-pub fn processes() -> Driver {
+pub(crate) fn processes() -> Driver {
     Driver::Processes { exe: env!("CARGO_BIN_EXE_torno").into() }
 }
 
-pub fn block_on<T>(future: impl Future<Output = T>) -> T {
+pub(crate) fn block_on<T>(future: impl Future<Output = T>) -> T {
     tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap().block_on(future)
 }
 
-pub fn seconds(seconds: f64) -> Instant {
+pub(crate) fn seconds(seconds: f64) -> Instant {
     Instant::from_nanos((seconds * SECOND as f64) as u64)
 }
 
-pub fn demonstration() -> Program {
+pub(crate) fn demonstration() -> Program {
     Program::parse(DEMONSTRATION.1).unwrap()
 }
 
 /// The faults of a file.
-pub fn planned(file: &RigFile, text: &str) -> Vec<Planned> {
+pub(crate) fn planned(file: &RigFile, text: &str) -> Vec<Planned> {
     fault::parse("faults.toml", text, &Names::of(file), None).unwrap().faults
 }
 
 /// Plays frames in processes while this breaks, with all waveforms.
-pub fn play(frames: &[[u8; 8]], faults: &str) -> Played {
+pub(crate) fn play(frames: &[[u8; 8]], faults: &str) -> Played {
     let file = RigFile::load("lathe").unwrap();
     let faults = planned(&file, faults);
     let program = Program { frames: frames.to_vec() };
@@ -61,16 +58,16 @@ pub fn play(frames: &[[u8; 8]], faults: &str) -> Played {
 }
 
 /// A waveform dump, read by these tests' own means: for each wire its changes.
-pub struct Dump {
-    pub wires: BTreeMap<String, Vec<(u64, bool)>>,
-    pub end: u64,
+pub(crate) struct Dump {
+    pub(crate) wires: BTreeMap<String, Vec<(u64, bool)>>,
+    pub(crate) end: u64,
 }
 
 /// A decoded character: the instant of its start bit, and its byte.
-pub type Heard = (u64, u8);
+pub(crate) type Heard = (u64, u8);
 
 impl Dump {
-    pub fn read(text: &str) -> Self {
+    pub(crate) fn read(text: &str) -> Self {
         let (head, body) = text.split_once("$enddefinitions $end").unwrap();
         assert!(head.contains("$timescale 1 ns $end"), "{head}");
         let mut names = BTreeMap::new();
@@ -99,20 +96,20 @@ impl Dump {
         Self { wires, end: now.unwrap() }
     }
 
-    pub fn of(played: &Played) -> Self {
+    pub(crate) fn of(played: &Played) -> Self {
         let mut bytes = Vec::new();
         played.waveforms.as_ref().unwrap().write(&mut bytes, played.end, Span::from_millis(2)).unwrap();
         Self::read(std::str::from_utf8(&bytes).unwrap())
     }
 
     /// The level of a wire at an instant.
-    pub fn level(&self, wire: &str, at: u64) -> bool {
+    pub(crate) fn level(&self, wire: &str, at: u64) -> bool {
         let changes = &self.wires[wire];
         changes[changes.partition_point(|(time, _)| *time <= at) - 1].1
     }
 
     /// The characters on a wire: each bit is sampled once, in its middle.
-    pub fn characters(&self, wire: &str) -> Vec<Heard> {
+    pub(crate) fn characters(&self, wire: &str) -> Vec<Heard> {
         let bit = |start: u64, n: u64| self.level(wire, start + (2 * n + 1) * SECOND / (2 * BAUD));
         let mut characters: Vec<Heard> = Vec::new();
         let mut free = 0;
@@ -128,12 +125,12 @@ impl Dump {
         characters
     }
 
-    pub fn bytes(&self, wire: &str) -> Vec<u8> {
+    pub(crate) fn bytes(&self, wire: &str) -> Vec<u8> {
         self.characters(wire).iter().map(|(_, byte)| *byte).collect()
     }
 
     /// The characters on a wire, put together as they follow one another without a gap.
-    pub fn bursts(&self, wire: &str) -> Vec<(u64, Vec<u8>)> {
+    pub(crate) fn bursts(&self, wire: &str) -> Vec<(u64, Vec<u8>)> {
         let mut bursts: Vec<(u64, Vec<u8>)> = Vec::new();
         let mut last = 0;
         for (start, byte) in self.characters(wire) {
@@ -147,7 +144,7 @@ impl Dump {
     }
 
     /// When the PC begins to read this reply for the first time.
-    pub fn replied_at(&self, byte: u8) -> u64 {
+    pub(crate) fn replied_at(&self, byte: u8) -> u64 {
         self.characters("master_to_pc").iter().find(|(_, found)| *found == byte).unwrap().0
     }
 }

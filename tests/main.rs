@@ -1,0 +1,31 @@
+//! The tests of the whole: whole programs with real processes and real ports. One program, so that the harness is
+//! linked once.
+//!
+//! All of them run at once and share one process: none may change the environment, the current directory, the umask or
+//! a panic hook, and each has folders and links of its own.
+
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
+
+mod common;
+
+mod cli;
+mod compare;
+mod ctl;
+mod errata;
+mod failures;
+mod faults;
+mod identify;
+mod part;
+mod pc_port;
+mod processes;
+mod recordings;
+mod report;
+mod run;
+mod scenarios;
+mod send;
+mod servo;
+mod servo_port;
+mod stats;
+mod sweep;
+mod tidy;
+mod trace;
