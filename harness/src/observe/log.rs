@@ -7,9 +7,11 @@ use std::time::Duration;
 
 use torno_protocol::board::event_text;
 use torno_protocol::time::Instant;
-use tracing_subscriber::EnvFilter;
+use tracing_subscriber::filter::Targets;
 use tracing_subscriber::fmt::format::Writer;
 use tracing_subscriber::fmt::time::FormatTime;
+use tracing_subscriber::layer::SubscriberExt;
+use tracing_subscriber::util::SubscriberInitExt;
 
 use crate::rig::Rig;
 use torno_engine::Fact;
@@ -28,15 +30,16 @@ impl FormatTime for VirtualTime {
 
 /// Starts logging to standard error. `RUST_LOG` says what; without it, `default` does.
 pub fn init(default: &str) {
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(default));
-    let subscriber = tracing_subscriber::fmt()
-        .with_env_filter(filter)
+    let wanted = std::env::var("RUST_LOG").unwrap_or_default();
+    let wanted = if wanted.trim().is_empty() { default } else { &wanted };
+    let filter: Targets = wanted.parse().or_else(|_| default.parse()).unwrap_or_default();
+    let lines = tracing_subscriber::fmt::layer()
         .with_timer(VirtualTime)
         .with_target(false)
         .with_ansi(std::io::stderr().is_terminal())
         .with_writer(std::io::stderr);
     // A second call, in a test, changes nothing.
-    subscriber.try_init().ok();
+    tracing_subscriber::registry().with(filter).with(lines).try_init().ok();
 }
 
 /// Sets the stamp of what is logged next.
