@@ -15,6 +15,7 @@ mod errata;
 mod failures;
 mod faults;
 mod identify;
+mod imports;
 mod part;
 mod pc_port;
 mod processes;
