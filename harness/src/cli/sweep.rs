@@ -8,9 +8,9 @@ use std::str::FromStr;
 
 use anyhow::Context;
 use torno::observe::log;
-use torno::report::{Bar, Tested, seed_text, shell_word};
+use torno::report::Bar;
 use torno::rig::Driver;
-use torno::scenario::{Scenario, run_all};
+use torno::scenario::{Scenario, Tested, run_all, seed_text, shell_word};
 use torno::session::SessionError;
 use torno::sweep::{Run, Scene, Table, Variation, Verdict, Whole, cells, merge, shrink};
 

@@ -6,8 +6,8 @@ use std::process::ExitCode;
 use anyhow::Context;
 use torno::observe::log;
 use torno::recorder::Recorder;
-use torno::report::{Bar, TestReport, seed_text};
-use torno::scenario::{Scenario, run_all, run_recorded};
+use torno::report::Bar;
+use torno::scenario::{Scenario, TestReport, run_all, run_recorded, seed_text};
 use torno::session::SessionError;
 
 use super::{FAILED, driver, print, print_text, start_recording, write_file};

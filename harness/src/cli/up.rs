@@ -11,8 +11,8 @@ use torno::live::Live;
 use torno::observe::log;
 use torno::pace::Pace;
 use torno::port::{LinkPath, PcPort};
-use torno::report::seed_text;
 use torno::rig::file::{DEFAULT, RigFile};
+use torno::scenario::seed_text;
 
 use super::{Interrupt, driver, load_rig, print, start_recording};
 

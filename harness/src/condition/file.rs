@@ -7,9 +7,8 @@ use toml::{Spanned, Value};
 use torno_protocol::time::Span;
 
 use super::{Claim, Condition};
-use crate::fault::span;
 use torno_bus::{Dialect, Names};
-use torno_text::{Complaint, nearest};
+use torno_text::{Complaint, nearest, span};
 
 /// A condition as a file says it: one of [`KINDS`], and what belongs to it.
 #[derive(Clone, Debug, Deserialize)]

@@ -15,7 +15,7 @@ use crate::text_file::TextError;
 use torno_bus::Names;
 use torno_engine::{Disturbance, NodeId, Tampering};
 use torno_text::{Complaint, Invalid, nearest};
-use torno_text::{Dice, Range as Quantities, Ratio, parse_ratio, parse_span};
+use torno_text::{Dice, Range as Quantities, Ratio, parse_ratio, parse_span, span};
 
 /// What can happen to a line.
 pub const LINE_KINDS: [&str; 9] =
@@ -446,12 +446,4 @@ pub(crate) fn text_drawn(text: &Spanned<String>, place: &str, dice: &mut Dice) -
         Some(Ok(range)) => Ok(Spanned::new(text.span(), dice.draw(place, &range))),
         Some(Err(message)) => Err((text.span(), message)),
     }
-}
-
-/// A time in a file.
-///
-/// # Errors
-/// Where, and what was expected.
-pub(crate) fn span(text: &Spanned<String>) -> Result<Span, Complaint> {
-    parse_span(text.get_ref()).map_err(|message| (text.span(), message))
 }

@@ -7,8 +7,8 @@ mod faults;
 mod file;
 
 pub use faults::{Faults, HealError, Planned, Trigger};
+pub(crate) use file::text_drawn;
 pub use file::{BOARD_KINDS, FaultFile, FaultFileError, LINE_KINDS, RawFault, load, parse};
-pub(crate) use file::{span, text_drawn};
 
 use torno_protocol::board::{Heeds, Stimulus};
 use torno_protocol::clock::Clock;

@@ -9,7 +9,6 @@ mod progress;
 pub mod series;
 mod stats;
 mod summary;
-mod tested;
 mod timeline;
 
 pub use comparison::{Comparison, Side};
@@ -18,4 +17,3 @@ pub use part::{EventSummary, Measure, PartSummary, Worst};
 pub use progress::{Bar, Status};
 pub use stats::{BytesPerTurn, Shares, Stats};
 pub use summary::{BoardSummary, Frames, Summary, failures};
-pub use tested::{TestReport, Tested, seed_text, shell_word};

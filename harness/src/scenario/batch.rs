@@ -4,9 +4,9 @@ use std::sync::Mutex;
 use std::sync::PoisonError;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use super::Tested;
 use super::{Scenario, record};
 use crate::recorder::Recorder;
-use crate::report::Tested;
 use crate::rig::{Driver, RigError};
 use crate::session::SessionError;
 

@@ -9,11 +9,11 @@ use torno_protocol::time::Span;
 use super::part::{self, RawDiameter};
 use super::{Action, PATIENCE, Scenario, Step};
 use crate::condition::{RawCondition, replies};
-use crate::fault::{Fault, RawFault, span, text_drawn};
+use crate::fault::{Fault, RawFault, text_drawn};
 use crate::rig::file::{DEFAULT, RigFile, RigFileError, built_in_names};
 use crate::text_file::TextError;
 use torno_bus::Names;
-use torno_text::{Complaint, Dice, Invalid, nearest};
+use torno_text::{Complaint, Dice, Invalid, nearest, span};
 
 /// A scenario ends at the latest so long after it has begun, if nothing else is said.
 const END: Span = Span::from_secs(1_000);

@@ -10,12 +10,14 @@ mod failure;
 mod file;
 mod part;
 pub mod prose;
+mod tested;
 
 pub use batch::{run_all, run_recorded};
 pub use conductor::{Outcome, record, run, run_in_slices};
 pub use failure::Failure;
 pub use file::ScenarioError;
 pub use part::{Diameter, PartExpected};
+pub use tested::{TestReport, Tested, seed_text, shell_word};
 
 use torno_protocol::time::Span;
 

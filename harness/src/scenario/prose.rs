@@ -22,8 +22,8 @@ use serde::Serialize;
 use toml::{Table, Value};
 
 use super::{Outcome, Scenario, ScenarioError, run_all};
-use crate::report::{Tested, seed_text};
 use crate::rig::Driver;
+use crate::scenario::{Tested, seed_text};
 use crate::session::SessionError;
 
 /// A scenario that is being written: what is in its file.

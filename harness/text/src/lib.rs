@@ -9,4 +9,4 @@ mod span;
 pub use dice::Dice;
 pub use nearest::nearest;
 pub use quantity::{Range, Ratio, parse_length, parse_ratio, parse_span};
-pub use span::{Complaint, Invalid, of_toml};
+pub use span::{Complaint, Invalid, of_toml, span};

@@ -2,7 +2,10 @@
 
 use std::ops::Range;
 
-use crate::nearest;
+use toml::Spanned;
+use torno_protocol::time::Span;
+
+use crate::{nearest, parse_span};
 
 /// What is wrong with a text, and where: a range of its bytes.
 pub type Complaint = (Range<usize>, String);
@@ -43,4 +46,12 @@ pub fn of_toml(error: &toml::de::Error) -> Complaint {
         _ => message.to_owned(),
     };
     (error.span().unwrap_or(0..0), message)
+}
+
+/// A time in a file.
+///
+/// # Errors
+/// Where, and what was expected.
+pub fn span(text: &Spanned<String>) -> Result<Span, Complaint> {
+    parse_span(text.get_ref()).map_err(|message| (text.span(), message))
 }

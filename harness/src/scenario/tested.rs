@@ -8,7 +8,7 @@ use anstyle::AnsiColor;
 use quick_junit::{NonSuccessKind, Report, TestCase, TestCaseStatus, TestSuite};
 use serde::Serialize;
 
-use crate::scenario::{Failure, Outcome};
+use super::{Failure, Outcome};
 
 /// A scenario that has been run.
 #[derive(Clone, Debug)]
