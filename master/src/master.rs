@@ -2,10 +2,10 @@
 //!
 //! The slaves' ports follow that of the PC, in the order of [`Slave::ALL`].
 
-use serde::{Deserialize, Serialize};
 use torno_protocol::board::{Board, Deadline, Description, Heeds, Input, Output, Stimulus, Wait};
 use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{CHARACTER, ENQ, Fault, Frame, RATE, Slave};
+use torno_protocol::settings;
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::{Character, Receiver, TickTimer, Transmitter};
 
@@ -17,45 +17,21 @@ use crate::supervision::{Due, Patience, Report, Supervision};
 /// slave's gap of three, behind the two that it crossed. (Ours.)
 const AFTER_ENQUIRY: Span = CHARACTER.times(7);
 
-/// The master's settings in the rig file.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct MasterSettings {
-    /// How often a busy slave is asked whether it is there, in milliseconds. Default 1000, range 100…10 000.
-    pub enquiry_period_ms: u32,
-    /// How long it may take to answer, in milliseconds. Default 20, range 8…1000: an idle axis takes 6.3 ms, one
-    /// character for the enquiry, a gap of three to be sure of it, and two for the answer.
-    pub answer_ms: u32,
-    /// How many enquiries in a row may go unanswered. Default 3, range 2…10: two enquiries after a sub-frame are more
-    /// than a slave's receiver holds, so one that hangs until it is given up finds an overrun and executes nothing.
-    pub enquiries: u32,
-}
-
-impl Default for MasterSettings {
-    fn default() -> Self {
-        Self { enquiry_period_ms: 1000, answer_ms: 20, enquiries: 3 }
+settings! {
+    /// The master's settings in the rig file.
+    pub struct MasterSettings {
+        /// How often a busy slave is asked whether it is there.
+        enquiry_period_ms: u32 = 1_000, 100..=10_000, "ms", "ours";
+        /// How long it may take to answer. An idle axis takes 6.3 ms: one character for the enquiry, a gap of three to
+        /// be sure of it, and two for the answer.
+        answer_ms: u32 = 20, 8..=1_000, "ms", "ours";
+        /// How many enquiries in a row may go unanswered. Two enquiries after a sub-frame are more than a slave's
+        /// receiver holds, so one that hangs until it is given up finds an overrun and executes nothing.
+        enquiries: u32 = 3, 2..=10, "", "ours";
     }
 }
 
 impl MasterSettings {
-    /// Checks the ranges.
-    ///
-    /// # Errors
-    /// Which setting is out of range, and the range.
-    pub fn check(&self) -> Result<(), String> {
-        let ranges = [
-            ("enquiry_period_ms", self.enquiry_period_ms, 100..=10_000),
-            ("answer_ms", self.answer_ms, 8..=1000),
-            ("enquiries", self.enquiries, 2..=10),
-        ];
-        match ranges.iter().find(|(_, value, range)| !range.contains(value)) {
-            Some((name, value, range)) => {
-                Err(format!("{name} = {value}: expected {} to {}", range.start(), range.end()))
-            }
-            None => Ok(()),
-        }
-    }
-
     fn patience(&self, clock: Clock) -> Patience {
         let ms = |ms: u32| clock.span(Span::from_millis(u64::from(ms)));
         Patience { period: ms(self.enquiry_period_ms), answer: ms(self.answer_ms), enquiries: self.enquiries }

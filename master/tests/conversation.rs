@@ -265,7 +265,7 @@ fn a_slave_that_does_not_answer_reaches_the_pc_within_three_seconds() {
 #[test]
 fn one_unanswered_enquiry_is_not_enough_to_give_a_slave_up() {
     let refused = |enquiries| MasterSettings { enquiries, ..MasterSettings::default() }.check().err();
-    assert_eq!(refused(1).unwrap(), "enquiries = 1: expected 2 to 10");
+    assert_eq!(refused(1).unwrap().to_string(), "enquiries: expected 2 to 10, found 1");
     assert_eq!(refused(2), None);
 }
 
@@ -660,14 +660,14 @@ fn settings_have_these_ranges() {
     let at = |enquiry_period_ms, answer_ms, enquiries| MasterSettings { enquiry_period_ms, answer_ms, enquiries };
     assert_eq!([at(100, 8, 2), at(10_000, 1_000, 10)].map(|settings| settings.check()), [Ok(()), Ok(())]);
     for (settings, expected) in [
-        (at(99, 20, 3), "enquiry_period_ms = 99: expected 100 to 10000"),
-        (at(10_001, 20, 3), "enquiry_period_ms = 10001: expected 100 to 10000"),
-        (at(1_000, 7, 3), "answer_ms = 7: expected 8 to 1000"),
-        (at(1_000, 1_001, 3), "answer_ms = 1001: expected 8 to 1000"),
-        (at(1_000, 20, 1), "enquiries = 1: expected 2 to 10"),
-        (at(1_000, 20, 11), "enquiries = 11: expected 2 to 10"),
+        (at(99, 20, 3), "enquiry_period_ms: expected 100 to 10000, found 99"),
+        (at(10_001, 20, 3), "enquiry_period_ms: expected 100 to 10000, found 10001"),
+        (at(1_000, 7, 3), "answer_ms: expected 8 to 1000, found 7"),
+        (at(1_000, 1_001, 3), "answer_ms: expected 8 to 1000, found 1001"),
+        (at(1_000, 20, 1), "enquiries: expected 2 to 10, found 1"),
+        (at(1_000, 20, 11), "enquiries: expected 2 to 10, found 11"),
     ] {
-        assert_eq!(settings.check(), Err(expected.to_owned()));
+        assert_eq!(settings.check().unwrap_err().to_string(), expected);
     }
 }
 

@@ -10,6 +10,7 @@ pub mod layout;
 pub mod line;
 pub mod record;
 pub mod servo;
+pub mod settings;
 pub mod stepping;
 pub mod time;
 pub mod uart;

@@ -1,16 +1,15 @@
 //! The infeed axis's board (§4): a slow motor that is switched on and off.
 
-use torno_protocol::board::Stimulus;
-use torno_protocol::clock::Clock;
-use torno_protocol::lathe::{DepthPart, Fault, Refusal};
+use torno_protocol::board::Heeds;
+use torno_protocol::lathe::{DepthPart, Fault};
 use torno_protocol::time::Instant;
 
 use crate::control::OnOff;
-use crate::drive::{self, Bridge};
-use crate::encoder::{Counter, Encoder};
-use crate::plant::PositionMotor;
+use crate::encoder::Encoder;
+use crate::machine::{Machine, Progress};
+use crate::plant::{Axis, Plant, PositionMotor};
 use crate::settings::DepthSettings;
-use crate::slave::{Machine, Progress, Slave};
+use crate::slave::Slave;
 use crate::task::Task;
 
 /// In position for so many polls, the axis is done. (Ours.)
@@ -21,33 +20,16 @@ const IN_POSITION: i64 = 1;
 /// The infeed axis's board.
 ///
 /// It executes a sub-frame until the drive is off and the axis has been within one slot of its target for four polls.
-pub type Depth = Slave<DepthMachine, { DepthPart::LENGTH }, 4>;
+pub type Depth = Slave<DepthMachine, { DepthPart::LENGTH }>;
 
 /// What the infeed axis's board does but for the link to its master.
-pub type DepthTask = Task<DepthMachine, { DepthPart::LENGTH }, 4>;
-
-impl Depth {
-    /// The board as at power-on: the slide stands in mid-travel.
-    pub fn new(settings: &DepthSettings, clock: Clock) -> Self {
-        Self::with(DepthTask::new(settings, clock), clock)
-    }
-}
-
-impl DepthTask {
-    /// The same: the slide stands in mid-travel.
-    pub fn new(settings: &DepthSettings, clock: Clock) -> Self {
-        Self::with(DepthMachine::new(settings), settings.controller.poll_ms, clock)
-    }
-}
+pub type DepthTask = Task<DepthMachine>;
 
 /// The infeed axis and its control law.
 #[derive(Clone, Debug)]
 pub struct DepthMachine {
-    motor: PositionMotor,
-    speed_mm_per_s: f64,
-    /// Along the slide (§4: linear, 900 slots in 160 mm), so that it sees what the slide does, backlash and all.
-    encoder: Encoder,
-    counter: Counter,
+    /// Its encoder lies along the slide (§4: linear, 900 slots in 160 mm).
+    axis: Axis,
     /// Where the slide was when the firmware last counted, by the true count.
     carriage: i64,
     firmware: Firmware,
@@ -109,53 +91,54 @@ impl Firmware {
 }
 
 impl DepthMachine {
-    fn new(settings: &DepthSettings) -> Self {
-        let speed_mm_per_s = settings.speed_mm_per_s();
-        let encoder = Encoder::new(settings.slots_per_mm());
-        let DepthSettings { plant, drive, .. } = settings;
-        let motor = PositionMotor::new(plant.tau_s, speed_mm_per_s, plant.travel_mm / 2.0);
-        Self {
-            motor: motor.with_load(plant.friction, plant.load_torque, drive.supply).with_backlash(plant.backlash_mm),
-            speed_mm_per_s,
-            encoder,
-            counter: Counter::new(encoder),
-            carriage: 0,
-            firmware: Firmware::new(settings),
-            service: 0,
-        }
-    }
-
     fn advance(&mut self, now: Instant) -> bool {
-        self.motor.advance(now);
         let before = self.firmware.count;
-        self.carriage = self.encoder.count(self.motor.carriage());
-        self.firmware.count = self.counter.count(self.motor.carriage());
+        self.firmware.count = self.axis.advance(now);
+        self.carriage = self.axis.carriage();
         self.firmware.count != before
     }
 
     fn drive(&self) -> i64 {
         if self.service == 0 { self.firmware.law.drive() } else { self.service }
     }
-
-    fn apply(&mut self) {
-        self.motor.drive(self.speed_mm_per_s * Bridge::set(self.drive()).drive());
-    }
 }
 
-impl Machine<{ DepthPart::LENGTH }, 4> for DepthMachine {
-    const SIGNALS: [&'static str; 4] = ["position_counts", "remaining_counts", "drive", "carriage_offset_counts"];
+impl Machine for DepthMachine {
+    type Settings = DepthSettings;
+    type Part = DepthPart;
+
+    fn new(settings: &DepthSettings) -> (Self, u32) {
+        let DepthSettings { plant, drive, controller, .. } = settings;
+        let full = settings.speed_mm_per_s();
+        let motor = PositionMotor::new(plant.tau_s, full, plant.travel_mm / 2.0)
+            .with_load(plant.friction, plant.load_torque, drive.supply)
+            .with_backlash(plant.backlash_mm);
+        // The motor is switched on or off, nothing between.
+        let axis = Axis::new(motor, Encoder::new(settings.slots_per_mm()), full, 1.0).with_encoder_along_slide();
+        (Self { axis, carriage: 0, firmware: Firmware::new(settings), service: 0 }, controller.poll_ms)
+    }
+
+    fn signals(&self) -> [&'static str; 4] {
+        ["position_counts", "remaining_counts", "drive", "carriage_offset_counts"]
+    }
 
     fn values(&self) -> [i64; 4] {
         let offset = self.carriage.saturating_sub(self.firmware.count);
         [self.firmware.count, self.firmware.remaining(), self.drive(), offset]
     }
 
-    fn start(&mut self, now: Instant, part: [u8; DepthPart::LENGTH]) -> Result<(), Refusal> {
-        let part = DepthPart::parse(part)?;
+    fn heeds(&self) -> &'static [Heeds] {
+        Axis::HEEDS
+    }
+
+    fn plant(&mut self) -> &mut dyn Plant {
+        &mut self.axis
+    }
+
+    fn start(&mut self, now: Instant, part: DepthPart) {
         self.advance(now);
         self.firmware.start(part);
-        self.apply();
-        Ok(())
+        self.axis.drive(self.drive());
     }
 
     fn sample(&mut self, now: Instant, busy: bool) -> Progress {
@@ -163,7 +146,7 @@ impl Machine<{ DepthPart::LENGTH }, 4> for DepthMachine {
         if !busy || self.service != 0 {
             return Progress::Going;
         }
-        let end_stop = self.motor.end_stop();
+        let end_stop = self.axis.end_stop();
         let progress = if end_stop != 0 && end_stop == self.firmware.law.drive() {
             Progress::Failed(Fault::EndOfTravel)
         } else {
@@ -172,42 +155,23 @@ impl Machine<{ DepthPart::LENGTH }, 4> for DepthMachine {
         if let Progress::Failed(_) = progress {
             self.firmware.switch_off();
         }
-        self.apply();
+        self.axis.drive(self.drive());
         progress
     }
 
-    fn stall(&mut self, now: Instant, blocked: bool) {
-        self.motor.advance(now);
-        self.motor.block(blocked);
-    }
-
-    fn disturb(&mut self, now: Instant, stimulus: &Stimulus) {
-        self.motor.advance(now);
-        match stimulus {
-            Stimulus::Counts(counts) => self.counter.invent(self.motor.carriage(), *counts),
-            // The motor is switched on or off, nothing between.
-            Stimulus::Drive(per_mille) => {
-                self.service = drive::service(*per_mille, 1.0);
-                self.apply();
-            }
-            _ => self.motor.disturb(stimulus, |counts| self.encoder.way(counts)),
-        }
-    }
-
-    fn power(&mut self, now: Instant) {
-        self.motor.advance(now);
-        self.counter.restart(self.motor.carriage());
-        self.reset(now);
+    fn serve(&mut self, per_mille: i32) {
+        self.service = self.axis.service(per_mille);
+        self.axis.drive(self.drive());
     }
 
     fn reset(&mut self, now: Instant) {
         self.advance(now);
         self.firmware.switch_off();
         self.service = 0;
-        self.apply();
+        self.axis.drive(0);
     }
 
     fn is_at_rest(&self) -> bool {
-        self.drive() == 0 && self.counter.count_at(self.motor.carriage_coast_end()) == self.firmware.count
+        self.drive() == 0 && !self.axis.leaves(self.firmware.count)
     }
 }

@@ -6,7 +6,7 @@
 //!
 //! A slave has two halves. The **machine** is a control law with an encoder and a plant: [`Spindle`] regulates the
 //! main motor's speed (§4, Eq. 1–7), [`Transverse`] the feed axis's position (§4, Eq. 8–15), [`Depth`] switches the
-//! infeed motor on and off (§4); a [`Task`] samples it. The **link** is the same for all three: it puts sub-frames
+//! infeed motor on and off (§4); a [`Task`] samples it and does what all have in common. The **link** is the same for all three: it puts sub-frames
 //! together and answers the master. A board that needs no link, because nobody sends it sub-frames, runs the tasks.
 //!
 //! A plant moves on only when something happens on its own board, in closed form over the time that has passed; so
@@ -17,6 +17,7 @@ mod depth;
 mod drive;
 mod encoder;
 mod link;
+mod machine;
 mod plant;
 mod schedule;
 mod servo;
@@ -24,9 +25,11 @@ mod settings;
 mod slave;
 mod spindle;
 mod task;
+mod telemetry;
 mod transverse;
 
 pub use depth::{Depth, DepthTask};
+pub use machine::{Machine, Progress};
 pub use servo::Servo;
 pub use settings::{
     DepthController, DepthDrive, DepthEncoder, DepthPlant, DepthSettings, Eq12, KvOn, LeadForm, PositionForm,
@@ -34,7 +37,6 @@ pub use settings::{
     SpindleDrive, SpindleEncoder, SpindlePlant, SpindleSettings, TransverseController, TransverseDrive,
     TransverseEncoder, TransversePlant, TransverseSettings,
 };
-pub use slave::Progress;
 pub use spindle::{Spindle, SpindleTask};
-pub use task::{Run, Task};
+pub use task::Task;
 pub use transverse::{Transverse, TransverseTask};

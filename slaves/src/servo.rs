@@ -32,11 +32,11 @@ use torno_protocol::servo::{Command, CommandDecoder, Flaw, Heard, PRESENT, RATE,
 use torno_protocol::time::Instant;
 use torno_protocol::uart::{Receiver, Transmitter};
 
-use crate::drive;
-use crate::encoder::{Counter, Encoder};
-use crate::plant::PositionMotor;
+use crate::encoder::Encoder;
+use crate::plant::{Axis, Plant, PositionMotor};
 use crate::schedule::Schedule;
 use crate::settings::{KvOn, ServoController, ServoSettings};
+use crate::telemetry::Telemetry;
 
 /// The gains count in sixteenths. (Ours.)
 const GAIN: i64 = 16;
@@ -106,20 +106,17 @@ pub struct Servo {
     commands: CommandDecoder,
     transmitter: Transmitter,
     schedule: Schedule,
-    motor: PositionMotor,
-    /// On the screw, so that it does not see backlash.
-    encoder: Encoder,
-    counter: Counter,
+    /// Its encoder is on the screw.
+    axis: Axis,
     /// Where the carriage was by the true count when the firmware's 0 was set.
     zero: i64,
-    counts_per_s_per_lsb: f64,
     /// The fullest drive, in LSB.
     full: i64,
     /// The end of the travel, in counts.
     travel: i64,
     firmware: Firmware,
     now: Instant,
-    told: [i64; SIGNALS.len()],
+    telemetry: Telemetry<{ SIGNALS.len() }>,
     outputs: VecDeque<Output>,
 }
 
@@ -193,32 +190,27 @@ impl Servo {
         let end = travel / 2.0 + settings.counts(plant.overtravel_mm);
         // Whole counts, so that the sensor is in the middle of a slot.
         let start = -(travel / 2.0).floor();
-        let encoder = Encoder::new(1.0);
         let motor = PositionMotor::new(plant.tau_s, full, end)
             .with_load(plant.friction, plant.load_torque, drive.supply)
             .with_backlash(settings.counts(plant.backlash_mm))
             .standing_at(start);
-        let mut counter = Counter::new(encoder);
-        counter.restart(motor.position());
+        let axis = Axis::new(motor, Encoder::new(1.0), full, f64::from(drive.full));
         let mut servo = Self {
             controller: controller.clone(),
             clock,
             commands: CommandDecoder::new(clock),
             transmitter: Transmitter::hardware(RATE, clock),
             schedule: Schedule::new(controller.tick_ms, clock),
-            zero: encoder.count(motor.carriage()),
-            motor,
-            encoder,
-            counter,
-            counts_per_s_per_lsb: full / f64::from(drive.full),
+            zero: axis.carriage(),
+            axis,
             full: i64::from(drive.full),
             travel: travel as i64,
             firmware: Firmware::new(controller, 0),
             now: Instant::START,
-            told: [0; SIGNALS.len()],
+            telemetry: Telemetry::new([0; SIGNALS.len()]),
             outputs: VecDeque::new(),
         };
-        servo.told = servo.values();
+        servo.telemetry = Telemetry::new(servo.values());
         // A load may move the axis that nobody drives.
         servo.run_unless_at_rest(Instant::START);
         servo
@@ -226,7 +218,7 @@ impl Servo {
 
     fn values(&self) -> [i64; SIGNALS.len()] {
         let firmware = &self.firmware;
-        let carriage = self.encoder.count(self.motor.carriage()) - self.zero;
+        let carriage = self.axis.carriage() - self.zero;
         [
             firmware.count,
             firmware.set_point,
@@ -312,24 +304,28 @@ impl Servo {
     fn home(&mut self, now: Instant) {
         self.count(now);
         let before = self.firmware.count;
-        self.counter.restart(self.motor.position());
-        self.zero = self.encoder.count(self.motor.carriage());
+        self.restart_count(now);
         self.firmware.count = 0;
         self.firmware.set_point = 0;
         self.tell(Event::Homed, before);
     }
 
+    /// The firmware's 0 is where the axis stands.
+    fn restart_count(&mut self, now: Instant) {
+        self.axis.restart(now);
+        self.zero = self.axis.carriage();
+    }
+
     /// What the firmware's counter shows.
     fn count(&mut self, now: Instant) {
-        self.motor.advance(now);
-        let count = self.counter.count(self.motor.position());
+        let count = self.axis.advance(now);
         self.firmware.moved = count - self.firmware.count;
         self.firmware.count = count;
     }
 
     fn drive(&mut self, drive: i64) {
         self.firmware.drive = drive;
-        self.motor.drive(self.counts_per_s_per_lsb * drive as f64);
+        self.axis.drive(drive);
     }
 
     fn tick(&mut self, now: Instant) {
@@ -343,7 +339,7 @@ impl Servo {
             return self.drive(0);
         }
         let drive = self.firmware.law(dx, self.controller.kv_on, self.full);
-        let hard_stop = self.motor.end_stop();
+        let hard_stop = self.axis.end_stop();
         if hard_stop != 0 && hard_stop == drive.signum() {
             return self.give_up(Event::HardStop, 0);
         }
@@ -396,15 +392,23 @@ impl Servo {
 
     fn stimulus(&mut self, now: Instant, stimulus: &Stimulus) {
         match stimulus {
-            Stimulus::Stall(blocked) => {
-                self.motor.advance(now);
-                self.motor.block(*blocked);
+            Stimulus::Stall(_)
+            | Stimulus::Counts(_)
+            | Stimulus::Load(_)
+            | Stimulus::Supply(_)
+            | Stimulus::Backlash(_)
+            | Stimulus::EndStop(_)
+            | Stimulus::Drive(_) => {
+                self.axis.disturb(now, stimulus);
+                if let Stimulus::Drive(per_mille) = stimulus {
+                    self.firmware.let_go();
+                    self.firmware.service = self.axis.service(*per_mille);
+                    self.drive(self.firmware.service);
+                }
             }
             Stimulus::Reset => self.restart(now),
             Stimulus::Power(_) => {
-                self.motor.advance(now);
-                self.counter.restart(self.motor.position());
-                self.zero = self.encoder.count(self.motor.carriage());
+                self.restart_count(now);
                 self.restart(now);
             }
             Stimulus::Clock(clock) => {
@@ -412,20 +416,6 @@ impl Servo {
                 self.commands.retune(*clock);
                 self.transmitter.retune(RATE, *clock);
                 self.schedule.retune(now, *clock);
-            }
-            Stimulus::Drive(per_mille) => {
-                self.motor.advance(now);
-                self.firmware.let_go();
-                self.firmware.service = drive::service(*per_mille, self.full as f64);
-                self.drive(self.firmware.service);
-            }
-            Stimulus::Counts(counts) => {
-                self.motor.advance(now);
-                self.counter.invent(self.motor.position(), *counts);
-            }
-            Stimulus::Load(_) | Stimulus::Supply(_) | Stimulus::Backlash(_) | Stimulus::EndStop(_) => {
-                self.motor.advance(now);
-                self.motor.disturb(stimulus, |counts| self.encoder.way(counts));
             }
             // The stepping loop sees to the first three; the others are for PCs.
             Stimulus::Hang(_) | Stimulus::Slow(_) | Stimulus::Stop(_) => {}
@@ -445,7 +435,7 @@ impl Servo {
         let firmware = &self.firmware;
         let drives = firmware.drive != 0 || firmware.service != 0;
         let would_drive = firmware.holding && firmware.law(0, KvOn::SetPoint, self.full) != 0;
-        let coasts = self.counter.count_at(self.motor.coast_end()) != firmware.count;
+        let coasts = self.axis.leaves(firmware.count);
         firmware.run.is_none() && !drives && !would_drive && !coasts
     }
 }
@@ -463,7 +453,7 @@ impl Board for Servo {
             signals: SIGNALS.iter().map(signal).collect(),
             events: Event::TEXTS.map(str::to_owned).to_vec(),
             waits: Vec::new(),
-            heeds: vec![Heeds::Reset, Heeds::Motor, Heeds::Axis],
+            heeds: [&[Heeds::Reset], Axis::HEEDS].concat(),
             motors: Vec::new(),
         }
     }
@@ -499,10 +489,8 @@ impl Board for Servo {
     }
 
     fn poll_output(&mut self) -> Option<Output> {
-        let values = self.values();
-        if let Some(changed) = values.iter().zip(&self.told).position(|(value, told)| value != told) {
-            self.told[changed] = values[changed];
-            return Some(Output::Telemetry { signal: u8::try_from(changed).ok()?, value: values[changed] });
+        if let Some((signal, value)) = self.telemetry.poll(self.values()) {
+            return Some(Output::Telemetry { signal, value });
         }
         if let Some(output) = self.outputs.pop_front() {
             return Some(output);

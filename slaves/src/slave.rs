@@ -1,87 +1,36 @@
 //! A slave board: a task, and the link to its master that tells it what to do.
 
-use core::fmt::Debug;
-
 use torno_protocol::board::{Board, Deadline, Description, Heeds, Input, Output, Stimulus};
 use torno_protocol::clock::Clock;
-use torno_protocol::lathe::{Fault, RATE, Refusal};
+use torno_protocol::lathe::{RATE, Refusal};
 use torno_protocol::time::Instant;
 use torno_protocol::uart::Receiver;
 
 use crate::link::{Event, Link};
-use crate::task::{Run, Task};
+use crate::machine::{Machine, Progress};
+use crate::task::Task;
 
-/// What one slave has and the others have not: its control law, its encoder and its plant.
-///
-/// It gets sub-frames of `N` bytes and shows `S` quantities. It does nothing of itself: a [`Task`] calls it.
-pub trait Machine<const N: usize, const S: usize>: Clone + Debug {
-    /// The quantities' names.
-    const SIGNALS: [&'static str; S];
-    /// Its motor drives an axis.
-    const IS_AXIS: bool = true;
-
-    /// The quantities, as the firmware has them.
-    fn values(&self) -> [i64; S];
-
-    /// Starts to execute a sub-frame.
-    ///
-    /// # Errors
-    /// [`Refusal`] if it is none that the master would send.
-    fn start(&mut self, now: Instant, part: [u8; N]) -> Result<(), Refusal>;
-
-    /// One sample of the control law. `busy`: a sub-frame is being executed.
-    fn sample(&mut self, now: Instant, busy: bool) -> Progress;
-
-    /// The shaft is blocked or free again.
-    fn stall(&mut self, now: Instant, blocked: bool);
-
-    /// Something happens to the encoder, the motor or the axis.
-    fn disturb(&mut self, now: Instant, stimulus: &Stimulus);
-
-    /// The supply goes or comes: as a reset, but the firmware counts from 0 again.
-    fn power(&mut self, now: Instant);
-
-    /// The firmware starts anew. The plant stays as it is, but for the drive, which is off.
-    fn reset(&mut self, now: Instant);
-
-    /// Without a sub-frame or a stimulus, further samples would change nothing.
-    fn is_at_rest(&self) -> bool;
-
-    /// A sample may fail although no sub-frame is being executed.
-    fn is_on_watch(&self) -> bool {
-        false
-    }
-}
-
-/// How far a machine has got with its sub-frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Progress {
-    /// Still at it, or nothing to do.
-    Going,
-    /// Executed.
-    Done,
-    /// Failed; the drive is off.
-    Failed(Fault),
-}
-
-/// A slave board.
+/// A slave board whose sub-frames have `N` bytes.
 #[derive(Clone, Debug)]
-pub struct Slave<M, const N: usize, const S: usize> {
-    task: Task<M, N, S>,
+pub struct Slave<M, const N: usize> {
+    task: Task<M>,
     link: Link<N>,
     clock: Clock,
     now: Instant,
 }
 
-impl<M: Machine<N, S>, const N: usize, const S: usize> Slave<M, N, S> {
-    /// A board as at power-on.
-    pub(crate) fn with(task: Task<M, N, S>, clock: Clock) -> Self {
-        Self { task, link: Link::new(clock), clock, now: Instant::START }
+impl<M: Machine<Part: TryFrom<[u8; N], Error = Refusal>>, const N: usize> Slave<M, N> {
+    /// A board as at power-on: the motor stands, an axis in mid-travel.
+    pub fn new(settings: &M::Settings, clock: Clock) -> Self {
+        Self { task: Task::new(settings, clock), link: Link::new(clock), clock, now: Instant::START }
     }
 
     fn execute(&mut self, now: Instant, part: [u8; N]) {
-        match self.task.start(now, part) {
-            Ok(()) => self.link.start(),
+        match M::Part::try_from(part) {
+            Ok(part) => {
+                self.task.start(now, part);
+                self.link.start();
+            }
             Err(refusal) => self.link.refuse(refusal),
         }
     }
@@ -115,14 +64,17 @@ impl<M: Machine<N, S>, const N: usize, const S: usize> Slave<M, N, S> {
     }
 }
 
-impl<M: Machine<N, S>, const N: usize, const S: usize> Board for Slave<M, N, S> {
+impl<M, const N: usize> Board for Slave<M, N>
+where
+    M: Machine<Part: TryFrom<[u8; N], Error = Refusal>> + Clone,
+{
     fn description(&self) -> Description {
         Description {
             ports: vec!["master".to_owned()],
             signals: self.task.signals(),
             events: Event::texts(),
             waits: Vec::new(),
-            heeds: [Heeds::Reset].into_iter().chain(self.task.heeds()).collect(),
+            heeds: [&[Heeds::Reset], self.task.heeds()].concat(),
             motors: Vec::new(),
         }
     }

@@ -1,16 +1,16 @@
 //! The main motor's board (§4, Eq. 1 to 7): speed counted in windows, a lead compensator, a PWM of 10 bits.
 
-use torno_protocol::board::Stimulus;
-use torno_protocol::clock::Clock;
-use torno_protocol::lathe::{Fault, Refusal, SpindlePart};
+use torno_protocol::board::Heeds;
+use torno_protocol::lathe::{Fault, SpindlePart};
 use torno_protocol::time::Instant;
 
 use crate::control::Lead;
 use crate::drive::{self, Pwm};
-use crate::encoder::{Counter, Encoder};
-use crate::plant::SpeedMotor;
+use crate::encoder::Encoder;
+use crate::machine::{Machine, Progress};
+use crate::plant::{Plant, Rotor, SpeedMotor};
 use crate::settings::{SpindleController, SpindleSettings};
-use crate::slave::{Machine, Progress, Slave};
+use crate::slave::Slave;
 use crate::task::Task;
 
 /// The windows whose mean is compared with the set point: 0.24 s, enough to take out the jitter of a count. (Ours.)
@@ -25,32 +25,15 @@ const RPM: f64 = core::f64::consts::TAU / 60.0;
 /// The main motor's board.
 ///
 /// It executes a sub-frame until the mean of eight windows is within half a count of the set point, and regulates on.
-pub type Spindle = Slave<SpindleMachine, { SpindlePart::LENGTH }, 4>;
+pub type Spindle = Slave<SpindleMachine, { SpindlePart::LENGTH }>;
 
 /// What the main motor's board does but for the link to its master.
-pub type SpindleTask = Task<SpindleMachine, { SpindlePart::LENGTH }, 4>;
-
-impl Spindle {
-    /// The board as at power-on: the motor stands.
-    pub fn new(settings: &SpindleSettings, clock: Clock) -> Self {
-        Self::with(SpindleTask::new(settings, clock), clock)
-    }
-}
-
-impl SpindleTask {
-    /// The same: the motor stands.
-    pub fn new(settings: &SpindleSettings, clock: Clock) -> Self {
-        Self::with(SpindleMachine::new(settings), settings.controller.window_ms, clock)
-    }
-}
+pub type SpindleTask = Task<SpindleMachine>;
 
 /// The main motor and its control law.
 #[derive(Clone, Debug)]
 pub struct SpindleMachine {
-    motor: SpeedMotor,
-    /// What full drive is at the motor, in V.
-    supply_v: f64,
-    counter: Counter,
+    rotor: Rotor,
     firmware: Firmware,
 }
 
@@ -159,27 +142,21 @@ impl Firmware {
     }
 }
 
-impl SpindleMachine {
-    fn new(settings: &SpindleSettings) -> Self {
-        let SpindleSettings { plant, drive, encoder, .. } = settings;
-        let motor = SpeedMotor::new(plant.km_rad_per_s_volt, plant.tau_s, drive.supply_v);
-        Self {
-            motor: motor.with_load(plant.friction + plant.load_torque),
-            supply_v: drive.supply_v,
-            counter: Counter::new(Encoder::new(f64::from(encoder.pulses_per_rev))),
-            firmware: Firmware::new(settings),
-        }
+impl Machine for SpindleMachine {
+    type Settings = SpindleSettings;
+    type Part = SpindlePart;
+
+    fn new(settings: &SpindleSettings) -> (Self, u32) {
+        let SpindleSettings { plant, drive, encoder, controller } = settings;
+        let motor = SpeedMotor::new(plant.km_rad_per_s_volt, plant.tau_s, drive.supply_v)
+            .with_load(plant.friction + plant.load_torque);
+        let rotor = Rotor::new(motor, Encoder::new(f64::from(encoder.pulses_per_rev)), drive.supply_v);
+        (Self { rotor, firmware: Firmware::new(settings) }, controller.window_ms)
     }
 
-    fn advance(&mut self, now: Instant) -> i64 {
-        self.motor.advance(now);
-        self.counter.count(self.motor.angle_rev())
+    fn signals(&self) -> [&'static str; 4] {
+        ["speed_counts", "speed_rpm", "set_point_rpm", "drive"]
     }
-}
-
-impl Machine<{ SpindlePart::LENGTH }, 4> for SpindleMachine {
-    const SIGNALS: [&'static str; 4] = ["speed_counts", "speed_rpm", "set_point_rpm", "drive"];
-    const IS_AXIS: bool = false;
 
     fn values(&self) -> [i64; 4] {
         let firmware = &self.firmware;
@@ -187,60 +164,47 @@ impl Machine<{ SpindlePart::LENGTH }, 4> for SpindleMachine {
         [firmware.speed_counts(), speed_rpm, firmware.set_point_rpm, firmware.drive]
     }
 
-    fn start(&mut self, _now: Instant, part: [u8; SpindlePart::LENGTH]) -> Result<(), Refusal> {
-        self.firmware.set_point_rpm = i64::from(SpindlePart::parse(part)?.rpm());
-        Ok(())
+    fn heeds(&self) -> &'static [Heeds] {
+        Rotor::HEEDS
+    }
+
+    fn plant(&mut self) -> &mut dyn Plant {
+        &mut self.rotor
+    }
+
+    fn start(&mut self, _now: Instant, part: SpindlePart) {
+        self.firmware.set_point_rpm = i64::from(part.rpm());
     }
 
     fn sample(&mut self, now: Instant, busy: bool) -> Progress {
-        let count = self.advance(now);
+        let count = self.rotor.advance(now);
         self.firmware.count(count);
         // While it regulates, only a shaft that somebody has blocked, or loaded beyond what the motor can do, stands
         // still; the detector speaks for no other reason, whatever the settings. (Ours.)
-        if self.firmware.is_stalled(busy || self.motor.is_held()) {
+        if self.firmware.is_stalled(busy || self.rotor.is_held()) {
             self.firmware.switch_off();
-            self.motor.drive(0.0);
+            self.rotor.drive(0.0);
             return Progress::Failed(Fault::Stalled);
         }
         let share = self.firmware.control();
-        self.motor.drive(share * self.supply_v);
+        self.rotor.drive(share);
         if busy && self.firmware.is_done() { Progress::Done } else { Progress::Going }
     }
 
-    fn stall(&mut self, now: Instant, blocked: bool) {
-        self.motor.advance(now);
-        self.motor.block(blocked);
-    }
-
-    fn disturb(&mut self, now: Instant, stimulus: &Stimulus) {
-        self.motor.advance(now);
-        match stimulus {
-            Stimulus::Counts(counts) => self.counter.invent(self.motor.angle_rev(), *counts),
-            Stimulus::Load(per_mille) => self.motor.set_load(*per_mille),
-            Stimulus::Supply(per_mille) => self.motor.set_supply(*per_mille),
-            Stimulus::Drive(per_mille) => {
-                let firmware = &mut self.firmware;
-                firmware.service = drive::service(*per_mille, firmware.pwm.full()).max(0);
-                firmware.drive = firmware.service;
-                self.motor.drive(firmware.pwm.share(firmware.drive) * self.supply_v);
-            }
-            _ => {}
-        }
-    }
-
-    fn power(&mut self, now: Instant) {
-        self.motor.advance(now);
-        self.counter.restart(self.motor.angle_rev());
-        self.reset(now);
+    fn serve(&mut self, per_mille: i32) {
+        let firmware = &mut self.firmware;
+        firmware.service = drive::service(per_mille, firmware.pwm.full()).max(0);
+        firmware.drive = firmware.service;
+        self.rotor.drive(firmware.pwm.share(firmware.drive));
     }
 
     fn reset(&mut self, now: Instant) {
-        let count = self.advance(now);
+        let count = self.rotor.advance(now);
         self.firmware.switch_off();
         self.firmware.windows = [0; MEAN_OF];
         self.firmware.sum = 0;
         self.firmware.count = count;
-        self.motor.drive(0.0);
+        self.rotor.drive(0.0);
     }
 
     fn is_at_rest(&self) -> bool {
@@ -248,16 +212,17 @@ impl Machine<{ SpindlePart::LENGTH }, 4> for SpindleMachine {
         firmware.set_point_rpm == 0
             && firmware.drive == 0
             && firmware.windows == [0; MEAN_OF]
-            && self.counter.count_at(self.motor.coast_end_rev()) <= firmware.count
+            && !self.rotor.exceeds(firmware.count)
     }
 
     fn is_on_watch(&self) -> bool {
-        self.motor.is_held() && self.firmware.set_point_rpm != 0
+        self.rotor.is_held() && self.firmware.set_point_rpm != 0
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use torno_protocol::board::Stimulus;
     use torno_protocol::time::Span;
 
     use super::*;
@@ -272,17 +237,15 @@ mod tests {
 
     impl Run {
         fn new() -> Self {
-            Self { machine: SpindleMachine::new(&SpindleSettings::default()), now: Instant::START }
+            Self { machine: SpindleMachine::new(&SpindleSettings::default()).0, now: Instant::START }
         }
 
         fn go(&mut self, rpm: u16, windows: usize) -> Vec<f64> {
-            self.machine.start(self.now, [u8::try_from(rpm / 20).unwrap()]).unwrap();
+            self.machine.start(self.now, SpindlePart::parse([u8::try_from(rpm / 20).unwrap()]).unwrap());
             let window = |_| {
                 self.machine.sample(self.now, true);
                 self.now += WINDOW;
-                let mut motor = self.machine.motor.clone();
-                motor.advance(self.now);
-                motor.rpm()
+                self.machine.rotor.rpm_at(self.now)
             };
             (0..windows).map(window).collect()
         }
@@ -301,9 +264,9 @@ mod tests {
         let mut weak = SpindleSettings::default();
         weak.plant.km_rad_per_s_volt = 0.0;
         let fails = |busy: bool, blocked: bool| {
-            let mut machine = SpindleMachine::new(&weak);
-            machine.start(Instant::START, [75]).unwrap();
-            machine.stall(Instant::START, blocked);
+            let (mut machine, _) = SpindleMachine::new(&weak);
+            machine.start(Instant::START, SpindlePart::parse([75]).unwrap());
+            machine.plant().disturb(Instant::START, &Stimulus::Stall(blocked));
             (0..100).any(|n| machine.sample(Instant::START + WINDOW.times(n), busy) == Progress::Failed(Fault::Stalled))
         };
         let found = [(false, false), (false, true), (true, false)].map(|(busy, blocked)| fails(busy, blocked));

@@ -2,108 +2,82 @@
 
 use torno_protocol::board::{Heeds, Signal, Stimulus};
 use torno_protocol::clock::Clock;
-use torno_protocol::lathe::Refusal;
 use torno_protocol::time::Instant;
 
+use crate::machine::{Machine, Progress, QUANTITIES};
 use crate::schedule::Schedule;
-use crate::slave::{Machine, Progress};
+use crate::telemetry::Telemetry;
 
-/// A machine with the timer that samples it, and what telemetry has told of it.
+/// A machine with the timer that samples it.
+///
+/// A board of several motors handles its tasks as `Task<dyn Machine>`.
 #[derive(Clone, Debug)]
-pub struct Task<M, const N: usize, const S: usize> {
-    machine: M,
+pub struct Task<M: ?Sized> {
     schedule: Schedule,
-    /// The values that telemetry has told.
-    told: [i64; S],
+    telemetry: Telemetry<QUANTITIES>,
+    machine: M,
 }
 
-impl<M: Machine<N, S>, const N: usize, const S: usize> Task<M, N, S> {
-    /// A machine as at power-on, sampled every `period_ms` milliseconds of `clock`.
-    pub(crate) fn with(machine: M, period_ms: u32, clock: Clock) -> Self {
-        let told = machine.values();
-        let mut task = Self { machine, schedule: Schedule::new(period_ms, clock), told };
+impl<M: Machine> Task<M> {
+    /// As at power-on: the motor stands, an axis in mid-travel.
+    pub fn new(settings: &M::Settings, clock: Clock) -> Self {
+        let (machine, period_ms) = M::new(settings);
+        let telemetry = Telemetry::new(machine.values());
+        let mut task = Self { schedule: Schedule::new(period_ms, clock), telemetry, machine };
         // A load may move the axis that nobody drives.
         task.sample_unless_at_rest(Instant::START);
         task
     }
 
     /// Starts to execute a sub-frame.
-    ///
-    /// # Errors
-    /// [`Refusal`] if it is none that the master would send.
-    pub fn start(&mut self, now: Instant, part: [u8; N]) -> Result<(), Refusal> {
-        self.machine.start(now, part)?;
+    pub fn start(&mut self, now: Instant, part: M::Part) {
+        self.machine.start(now, part);
         self.schedule.start(now);
-        Ok(())
-    }
-
-    fn sample_unless_at_rest(&mut self, now: Instant) {
-        if !self.machine.is_at_rest() {
-            self.schedule.start(now);
-        }
     }
 }
 
-/// A task, whatever its machine.
-pub trait Run {
+impl<M: Machine + ?Sized> Task<M> {
     /// The machine's quantities. At power-on each is 0: the firmware counts from where the axis stands.
-    fn signals(&self) -> Vec<Signal>;
+    pub fn signals(&self) -> Vec<Signal> {
+        self.machine.signals().iter().map(|name| Signal::new(name, 0)).collect()
+    }
 
     /// What the machine heeds of the stimuli that mean nothing to some.
-    fn heeds(&self) -> Vec<Heeds>;
+    pub fn heeds(&self) -> &'static [Heeds] {
+        self.machine.heeds()
+    }
 
     /// Something happens to the machine, its supply, its firmware or its oscillator.
-    fn stimulus(&mut self, now: Instant, stimulus: &Stimulus);
-
-    /// The next sample, if it is due. `busy`: a sub-frame is being executed.
-    fn sample(&mut self, now: Instant, busy: bool) -> Progress;
-
-    /// A quantity that has changed: its place among the signals, and its value.
-    fn poll_telemetry(&mut self) -> Option<(u8, i64)>;
-
-    /// When the next sample is due.
-    fn poll_timeout(&self) -> Option<Instant>;
-
-    /// A sample may fail although no sub-frame is being executed.
-    fn is_on_watch(&self) -> bool;
-}
-
-impl<M: Machine<N, S>, const N: usize, const S: usize> Run for Task<M, N, S> {
-    fn signals(&self) -> Vec<Signal> {
-        M::SIGNALS.iter().map(|name| Signal::new(name, 0)).collect()
-    }
-
-    fn heeds(&self) -> Vec<Heeds> {
-        let axis = M::IS_AXIS.then_some(Heeds::Axis);
-        [Heeds::Motor].into_iter().chain(axis).collect()
-    }
-
-    fn stimulus(&mut self, now: Instant, stimulus: &Stimulus) {
+    pub fn stimulus(&mut self, now: Instant, stimulus: &Stimulus) {
         match stimulus {
-            Stimulus::Stall(blocked) => self.machine.stall(now, *blocked),
-            Stimulus::Reset => self.machine.reset(now),
-            Stimulus::Power(_) => {
-                self.machine.power(now);
-                self.schedule.stop();
-                self.sample_unless_at_rest(now);
-            }
-            Stimulus::Clock(clock) => self.schedule.retune(now, *clock),
-            Stimulus::Counts(_)
+            Stimulus::Stall(_)
+            | Stimulus::Counts(_)
             | Stimulus::Load(_)
             | Stimulus::Supply(_)
             | Stimulus::Backlash(_)
             | Stimulus::EndStop(_)
             | Stimulus::Drive(_) => {
-                self.machine.disturb(now, stimulus);
-                self.sample_unless_at_rest(now);
+                self.machine.plant().disturb(now, stimulus);
+                if let Stimulus::Drive(per_mille) = stimulus {
+                    self.machine.serve(*per_mille);
+                }
             }
+            Stimulus::Reset => self.machine.reset(now),
+            Stimulus::Power(_) => {
+                self.machine.plant().restart(now);
+                self.machine.reset(now);
+                self.schedule.stop();
+            }
+            Stimulus::Clock(clock) => self.schedule.retune(now, *clock),
             // The stepping loop sees to the first three; the others are for PCs, and for boards of several motors.
             Stimulus::Hang(_) | Stimulus::Slow(_) | Stimulus::Stop(_) => {}
             Stimulus::Write(_) | Stimulus::Discard | Stimulus::Configure { .. } | Stimulus::Of(..) => {}
         }
+        self.sample_unless_at_rest(now);
     }
 
-    fn sample(&mut self, now: Instant, busy: bool) -> Progress {
+    /// The next sample, if it is due. `busy`: a sub-frame is being executed.
+    pub fn sample(&mut self, now: Instant, busy: bool) -> Progress {
         if !self.schedule.take(now) {
             return Progress::Going;
         }
@@ -114,18 +88,46 @@ impl<M: Machine<N, S>, const N: usize, const S: usize> Run for Task<M, N, S> {
         progress
     }
 
-    fn poll_telemetry(&mut self) -> Option<(u8, i64)> {
-        let values = self.machine.values();
-        let changed = values.iter().zip(&self.told).position(|(value, told)| value != told)?;
-        self.told[changed] = values[changed];
-        Some((u8::try_from(changed).ok()?, values[changed]))
+    /// A quantity that has changed: its place among the signals, and its value.
+    pub fn poll_telemetry(&mut self) -> Option<(u8, i64)> {
+        self.telemetry.poll(self.machine.values())
     }
 
-    fn poll_timeout(&self) -> Option<Instant> {
+    /// When the next sample is due.
+    pub fn poll_timeout(&self) -> Option<Instant> {
         self.schedule.poll_timeout()
     }
 
-    fn is_on_watch(&self) -> bool {
+    /// A sample may fail although no sub-frame is being executed.
+    pub fn is_on_watch(&self) -> bool {
         self.machine.is_on_watch()
+    }
+
+    fn sample_unless_at_rest(&mut self, now: Instant) {
+        if !self.machine.is_at_rest() {
+            self.schedule.start(now);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use torno_protocol::time::Span;
+
+    use super::*;
+    use crate::DepthTask;
+    use crate::settings::DepthSettings;
+
+    #[test]
+    fn an_axis_that_a_torque_moves_is_sampled_once_its_shaft_is_free() {
+        let mut settings = DepthSettings::default();
+        settings.plant.load_torque = 0.5;
+        let mut task = DepthTask::new(&settings, Clock::TRUE);
+        task.stimulus(Instant::START, &Stimulus::Stall(true));
+        task.sample(Instant::START, false);
+        assert_eq!(task.poll_timeout(), None, "blocked it stands");
+        let later = Instant::START + Span::from_secs(1);
+        task.stimulus(later, &Stimulus::Stall(false));
+        assert_eq!(task.poll_timeout(), Some(later));
     }
 }

@@ -1,16 +1,16 @@
 //! The feed axis's board (§4, Eq. 8 to 15): a set point that moves along a trapezoid, and a PID that follows it.
 
-use torno_protocol::board::Stimulus;
-use torno_protocol::clock::Clock;
-use torno_protocol::lathe::{Fault, Refusal, TransversePart};
+use torno_protocol::board::Heeds;
+use torno_protocol::lathe::{Fault, TransversePart};
 use torno_protocol::time::Instant;
 
 use crate::control::{Gains, Pid, Profile};
-use crate::drive::{self, Bridge};
-use crate::encoder::{Counter, Encoder};
-use crate::plant::{PositionMotor, SampledPlant};
+use crate::drive::Bridge;
+use crate::encoder::Encoder;
+use crate::machine::{Machine, Progress};
+use crate::plant::{Axis, Plant, PositionMotor, SampledPlant};
 use crate::settings::{PositionModel, TransverseController, TransverseSettings};
-use crate::slave::{Machine, Progress, Slave};
+use crate::slave::Slave;
 use crate::task::Task;
 
 /// In position for so long, the axis is done: four samples of 30 ms. (Ours.)
@@ -22,37 +22,16 @@ const STALL_MS: u32 = 1_020;
 ///
 /// It executes a sub-frame until the set point has arrived and the axis has been within one count of it for four
 /// samples; then it holds the axis there.
-pub type Transverse = Slave<TransverseMachine, { TransversePart::LENGTH }, 4>;
+pub type Transverse = Slave<TransverseMachine, { TransversePart::LENGTH }>;
 
 /// What the feed axis's board does but for the link to its master.
-pub type TransverseTask = Task<TransverseMachine, { TransversePart::LENGTH }, 4>;
-
-impl Transverse {
-    /// The board as at power-on: the carriage stands in mid-travel.
-    pub fn new(settings: &TransverseSettings, clock: Clock) -> Self {
-        Self::with(TransverseTask::new(settings, clock), clock)
-    }
-}
-
-impl TransverseTask {
-    /// The same: the carriage stands in mid-travel.
-    pub fn new(settings: &TransverseSettings, clock: Clock) -> Self {
-        Self::with(TransverseMachine::new(settings), settings.controller.sample_ms, clock)
-    }
-}
+pub type TransverseTask = Task<TransverseMachine>;
 
 /// The feed axis and its control law.
 #[derive(Clone, Debug)]
 pub struct TransverseMachine {
-    motor: PositionMotor,
-    /// Eq. 12, if it stands in the motor's place.
-    sampled: Option<SampledPlant>,
-    counts_per_s_per_lsb: f64,
-    /// The fullest drive, in LSB.
-    full: f64,
-    /// On the motor's shaft (§4: 900 slots a revolution), so that it does not see backlash.
-    encoder: Encoder,
-    counter: Counter,
+    /// Its encoder is on the motor's shaft (§4: 900 slots a revolution).
+    axis: Axis,
     /// Where the carriage was when the firmware last counted, by the true count.
     carriage: i64,
     firmware: Firmware,
@@ -148,108 +127,82 @@ impl Firmware {
 }
 
 impl TransverseMachine {
-    fn new(settings: &TransverseSettings) -> Self {
-        let TransverseSettings { plant, drive, .. } = settings;
+    fn advance(&mut self, now: Instant) -> i64 {
+        let count = self.axis.advance(now);
+        self.carriage = self.axis.carriage();
+        count
+    }
+
+    fn let_go(&mut self, count: i64) {
+        self.firmware.let_go(count);
+        self.axis.switch_off();
+    }
+}
+
+impl Machine for TransverseMachine {
+    type Settings = TransverseSettings;
+    type Part = TransversePart;
+
+    fn new(settings: &TransverseSettings) -> (Self, u32) {
+        let TransverseSettings { plant, drive, controller, .. } = settings;
         let (full, end) = (settings.full_counts_per_s(), settings.counts(plant.travel_mm) / 2.0);
-        let encoder = Encoder::new(1.0);
-        let motor = PositionMotor::new(plant.tau_s, full, end);
+        let motor = PositionMotor::new(plant.tau_s, full, end)
+            .with_load(plant.friction, plant.load_torque, drive.supply)
+            .with_backlash(settings.counts(plant.backlash_mm));
         let eq12 = &plant.eq12;
         let sampled = match plant.model {
             PositionModel::Motor => None,
             PositionModel::Eq12 => Some(SampledPlant::new(eq12.gain, eq12.zero, eq12.a1, eq12.a2, end)),
         };
-        Self {
-            motor: motor
-                .with_load(plant.friction, plant.load_torque, drive.supply)
-                .with_backlash(settings.counts(plant.backlash_mm)),
-            sampled,
-            counts_per_s_per_lsb: full / Bridge::full(drive.bits),
-            full: Bridge::full(drive.bits),
-            encoder,
-            counter: Counter::new(encoder),
-            carriage: 0,
-            firmware: Firmware::new(settings),
-        }
+        let axis = Axis::new(motor, Encoder::new(1.0), full, Bridge::full(drive.bits)).with_sampled(sampled);
+        (Self { axis, carriage: 0, firmware: Firmware::new(settings) }, controller.sample_ms)
     }
 
-    fn advance(&mut self, now: Instant) -> i64 {
-        self.motor.advance(now);
-        self.carriage = self.encoder.count(self.carriage());
-        self.counter.count(self.position())
+    fn signals(&self) -> [&'static str; 4] {
+        ["position_counts", "set_point_counts", "drive", "carriage_offset_counts"]
     }
-
-    /// Of the motor, in counts.
-    fn position(&self) -> f64 {
-        self.sampled.as_ref().map_or(self.motor.position(), SampledPlant::position)
-    }
-
-    fn carriage(&self) -> f64 {
-        self.sampled.as_ref().map_or(self.motor.carriage(), SampledPlant::position)
-    }
-
-    fn end_stop(&self) -> i64 {
-        self.sampled.as_ref().map_or(self.motor.end_stop(), SampledPlant::end_stop)
-    }
-
-    fn drive(&mut self) {
-        let drive = Bridge::set(self.firmware.drive).drive();
-        match &mut self.sampled {
-            None => self.motor.drive(self.counts_per_s_per_lsb * drive),
-            Some(plant) => plant.step(drive),
-        }
-    }
-
-    fn let_go(&mut self, count: i64) {
-        self.firmware.let_go(count);
-        self.motor.drive(0.0);
-    }
-
-    fn is_coasting(&self) -> bool {
-        match &self.sampled {
-            None => self.counter.count_at(self.motor.coast_end()) != self.firmware.count,
-            Some(plant) => !plant.is_at_rest(),
-        }
-    }
-}
-
-impl Machine<{ TransversePart::LENGTH }, 4> for TransverseMachine {
-    const SIGNALS: [&'static str; 4] = ["position_counts", "set_point_counts", "drive", "carriage_offset_counts"];
 
     fn values(&self) -> [i64; 4] {
         let offset = self.carriage.saturating_sub(self.firmware.count);
         [self.firmware.count, self.firmware.profile.set_point(), self.firmware.drive, offset]
     }
 
-    fn start(&mut self, now: Instant, part: [u8; TransversePart::LENGTH]) -> Result<(), Refusal> {
-        let part = TransversePart::parse(part)?;
+    fn heeds(&self) -> &'static [Heeds] {
+        Axis::HEEDS
+    }
+
+    fn plant(&mut self) -> &mut dyn Plant {
+        &mut self.axis
+    }
+
+    fn start(&mut self, now: Instant, part: TransversePart) {
         if !self.firmware.holding {
             let count = self.advance(now);
             self.firmware.stand_at(count);
         }
         self.firmware.start(part);
-        Ok(())
     }
 
     fn sample(&mut self, now: Instant, busy: bool) -> Progress {
         let count = self.advance(now);
         if self.firmware.service != 0 {
             self.firmware.count = count;
-            self.drive();
+            self.axis.drive(self.firmware.drive);
             return Progress::Going;
         }
         if !self.firmware.holding {
             self.firmware.stand_at(count);
-            self.drive();
+            self.axis.drive(self.firmware.drive);
             return Progress::Going;
         }
         let moved = count != self.firmware.count;
         self.firmware.count = count;
         self.firmware.control();
-        self.drive();
+        self.axis.drive(self.firmware.drive);
         if !busy {
             return Progress::Going;
         }
-        let end_stop = self.end_stop();
+        let end_stop = self.axis.end_stop();
         let progress = if end_stop != 0 && end_stop == self.firmware.direction {
             Progress::Failed(Fault::EndOfTravel)
         } else {
@@ -261,28 +214,10 @@ impl Machine<{ TransversePart::LENGTH }, 4> for TransverseMachine {
         progress
     }
 
-    fn stall(&mut self, now: Instant, blocked: bool) {
-        self.motor.advance(now);
-        self.motor.block(blocked);
-    }
-
-    fn disturb(&mut self, now: Instant, stimulus: &Stimulus) {
-        self.motor.advance(now);
-        match stimulus {
-            Stimulus::Counts(counts) => self.counter.invent(self.position(), *counts),
-            Stimulus::Drive(per_mille) => {
-                self.firmware.service = drive::service(*per_mille, self.full);
-                self.firmware.drive = self.firmware.service;
-                self.drive();
-            }
-            _ => self.motor.disturb(stimulus, |counts| self.encoder.way(counts)),
-        }
-    }
-
-    fn power(&mut self, now: Instant) {
-        self.motor.advance(now);
-        self.counter.restart(self.position());
-        self.reset(now);
+    fn serve(&mut self, per_mille: i32) {
+        self.firmware.service = self.axis.service(per_mille);
+        self.firmware.drive = self.firmware.service;
+        self.axis.drive(self.firmware.drive);
     }
 
     fn reset(&mut self, now: Instant) {
@@ -293,7 +228,7 @@ impl Machine<{ TransversePart::LENGTH }, 4> for TransverseMachine {
     fn is_at_rest(&self) -> bool {
         let firmware = &self.firmware;
         let level = firmware.profile.is_finished() && firmware.profile.target() == firmware.count;
-        firmware.drive == 0 && level && firmware.pid.is_level() && !self.is_coasting()
+        firmware.drive == 0 && level && firmware.pid.is_level() && !self.axis.leaves(firmware.count)
     }
 }
 
@@ -312,9 +247,9 @@ mod tests {
     }
 
     fn run(settings: &TransverseSettings, part: [u8; 4], samples: usize) -> Run {
-        let mut machine = TransverseMachine::new(settings);
+        let (mut machine, _) = TransverseMachine::new(settings);
         let mut now = Instant::START;
-        machine.start(now, part).unwrap();
+        machine.start(now, TransversePart::parse(part).unwrap());
         let mut run = Run { path: Vec::new(), ended: None };
         for n in 0..samples {
             let progress = machine.sample(now, run.ended.is_none());
@@ -322,7 +257,7 @@ mod tests {
                 run.ended = run.ended.or(Some((n, progress)));
             }
             let lag = machine.firmware.profile.set_point() - machine.firmware.count;
-            run.path.push((lag, machine.motor.position()));
+            run.path.push((lag, machine.axis.motor()));
             now += SAMPLE;
         }
         run
@@ -343,9 +278,9 @@ mod tests {
 
     #[test]
     fn without_feed_forward_the_axis_would_lag_ten_times_as_far() {
-        let mut machine = TransverseMachine::new(&TransverseSettings::default());
+        let (mut machine, _) = TransverseMachine::new(&TransverseSettings::default());
         machine.firmware.feed_forward = (0.0, 0.0);
-        machine.start(Instant::START, [112, 0x23, 0x28, 0]).unwrap();
+        machine.start(Instant::START, TransversePart::parse([112, 0x23, 0x28, 0]).unwrap());
         let lags = (0..150u64).map(|n| {
             machine.sample(Instant::START + SAMPLE.times(n), true);
             (machine.firmware.profile.set_point() - machine.firmware.count).abs()

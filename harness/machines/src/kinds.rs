@@ -9,6 +9,7 @@ use toml::{Spanned, Table};
 use torno_protocol::board::{Board, Description};
 use torno_protocol::clock::Clock;
 use torno_protocol::record::{Batch, Turn};
+use torno_protocol::settings::{OutOfRange, Setting};
 use torno_protocol::stepping::{BrokenPromise, Stepper};
 use torno_text::{Complaint, of_toml};
 
@@ -18,12 +19,17 @@ use crate::motor::Motor;
 /// A board's settings, as part of the text that they were read from.
 pub type Settings<'a> = Spanned<DeValue<'a>>;
 
+/// A board of any kind.
+type Built = Box<dyn Steps>;
+
 /// A kind of board, as its machine declares it.
 pub struct Kind {
     /// Its name, as rig files say it.
     pub(crate) name: &'static str,
+    /// Its settings as they are declared.
+    pub(crate) settings: fn() -> Vec<Setting>,
     /// Builds a board of this kind as at power-on.
-    pub(crate) build: fn(&Settings<'_>, Clock) -> Result<Box<dyn Steps>, Complaint>,
+    pub(crate) build: fn(&Settings<'_>, Clock) -> Result<Built, Complaint>,
     /// The motor of such a board; of several, the one with this name.
     pub(crate) motor: fn(&Settings<'_>, Option<&str>) -> Result<Option<Motor>, Complaint>,
     /// How far the carriage goes for each count of a quantity, in mm.
@@ -83,6 +89,14 @@ fn find(kind: &str) -> Result<&'static Kind, KindError> {
     known.find(|known| known.name == kind).ok_or_else(|| KindError::Unknown { kind: kind.to_owned() })
 }
 
+/// The settings of a board of that kind as they are declared, for people.
+///
+/// # Errors
+/// [`KindError::Unknown`].
+pub fn settings(kind: &str) -> Result<Vec<Setting>, KindError> {
+    Ok((find(kind)?.settings)())
+}
+
 /// Builds a board as at power-on. `settings` is TOML.
 ///
 /// # Errors
@@ -131,7 +145,7 @@ fn with<T>(
 /// The settings of a board, read and checked.
 pub(crate) fn read<S: DeserializeOwned + Default + Serialize>(
     settings: &Settings<'_>,
-    check: impl Fn(&S) -> Result<(), String>,
+    check: impl Fn(&S) -> Result<(), OutOfRange>,
 ) -> Result<S, Complaint> {
     let read = S::deserialize(ValueDeserializer::from(settings.clone())).map_err(|error| {
         let (span, message) = of_toml(&error);
@@ -139,12 +153,9 @@ pub(crate) fn read<S: DeserializeOwned + Default + Serialize>(
     })?;
     match check(&read) {
         Ok(()) => Ok(read),
-        Err(message) => {
-            // A check names the field first.
-            let field = message.split(':').next().unwrap_or_default();
-            let place = field.split('.').try_fold(settings, |table, word| table.get_ref().get(word));
-            let span = place.map_or(settings.span(), Spanned::span);
-            Err((span, message))
+        Err(wrong) => {
+            let place = wrong.field.split('.').try_fold(settings, |table, word| table.get_ref().get(word));
+            Err((place.map_or(settings.span(), Spanned::span), wrong.to_string()))
         }
     }
 }
@@ -190,5 +201,39 @@ mod tests {
         assert_eq!(worth("dspic", "", "spindle_speed_rpm"), None);
         assert_eq!(worth("spindle", "", "position_counts"), None);
         assert!(mm_per_count("lathe", "", "position_counts").is_err());
+    }
+
+    /// Whatever the board, it is the value that a complaint points at: by the type, by the range or by the names.
+    #[test]
+    fn a_setting_out_of_range_is_told_where_it_stands() {
+        for kind in names() {
+            let declared = settings(kind).unwrap();
+            assert!(!declared.is_empty(), "{kind}");
+            for Setting { name, .. } in declared {
+                let text = format!("# Too much.\n{name} = 4294967295");
+                let Err(KindError::Settings { message, span, .. }) = build(kind, &text, Clock::TRUE) else {
+                    panic!("{kind}: {name} may be 4294967295")
+                };
+                assert_eq!(&text[span], "4294967295", "{kind}: {message}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_number_out_of_range_is_told_with_the_range() {
+        let told = |kind, settings| match build(kind, settings, Clock::TRUE) {
+            Err(KindError::Settings { message, .. }) => message,
+            _ => panic!("{kind}: {settings} is accepted"),
+        };
+        assert_eq!(told("master", "answer_ms = 1"), "answer_ms: expected 8 to 1000, found 1");
+        assert_eq!(told("dspic", "depth.plant.rpm = 0"), "depth.plant.rpm: expected 0.1 to 1000, found 0");
+    }
+
+    #[test]
+    fn a_default_is_in_its_range_and_a_setting_has_a_source() {
+        for kind in names() {
+            build(kind, "", Clock::TRUE).unwrap();
+            assert!(settings(kind).unwrap().iter().all(|setting| !setting.source.is_empty()), "{kind}");
+        }
     }
 }

@@ -6,7 +6,7 @@ use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{Fault, Frame, RATE, Slave};
 use torno_protocol::time::Instant;
 use torno_protocol::uart::{Character, Receiver};
-use torno_slaves::{DepthTask, Progress, Run, SpindleTask, TransverseTask};
+use torno_slaves::{DepthTask, Machine, Progress, SpindleTask, Task, TransverseTask};
 
 use crate::settings::DspicSettings;
 
@@ -32,22 +32,19 @@ struct Tasks {
 }
 
 impl Tasks {
-    fn all(&self) -> [&dyn Run; 3] {
+    fn all(&self) -> [&Task<dyn Machine>; 3] {
         [&self.spindle, &self.transverse, &self.depth]
     }
 
-    fn all_mut(&mut self) -> [&mut dyn Run; 3] {
+    fn all_mut(&mut self) -> [&mut Task<dyn Machine>; 3] {
         [&mut self.spindle, &mut self.transverse, &mut self.depth]
     }
 
     fn start(&mut self, now: Instant, frame: &Frame) {
-        // A frame's parts are such as a slave takes.
-        self.busy = [
-            self.spindle.start(now, frame.spindle.emit()),
-            self.transverse.start(now, frame.transverse.emit()),
-            self.depth.start(now, frame.depth.emit()),
-        ]
-        .map(|started| started.is_ok());
+        self.spindle.start(now, frame.spindle);
+        self.transverse.start(now, frame.transverse);
+        self.depth.start(now, frame.depth);
+        self.busy = [true; 3];
     }
 
     fn stimulus(&mut self, now: Instant, stimulus: &Stimulus) {
@@ -173,7 +170,7 @@ impl Board for Dspic {
             events: Reception::events(),
             waits: Vec::new(),
             heeds: vec![Heeds::Reset],
-            motors: named().map(|(name, task)| Motor { name: name.to_owned(), heeds: task.heeds() }).collect(),
+            motors: named().map(|(name, task)| Motor { name: name.to_owned(), heeds: task.heeds().to_vec() }).collect(),
         }
     }
 

@@ -257,6 +257,30 @@ impl DepthPart {
     }
 }
 
+impl TryFrom<[u8; SpindlePart::LENGTH]> for SpindlePart {
+    type Error = Refusal;
+
+    fn try_from(bytes: [u8; SpindlePart::LENGTH]) -> Result<Self, Refusal> {
+        Self::parse(bytes)
+    }
+}
+
+impl TryFrom<[u8; TransversePart::LENGTH]> for TransversePart {
+    type Error = Refusal;
+
+    fn try_from(bytes: [u8; TransversePart::LENGTH]) -> Result<Self, Refusal> {
+        Self::parse(bytes)
+    }
+}
+
+impl TryFrom<[u8; DepthPart::LENGTH]> for DepthPart {
+    type Error = Refusal;
+
+    fn try_from(bytes: [u8; DepthPart::LENGTH]) -> Result<Self, Refusal> {
+        Self::parse(bytes)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;

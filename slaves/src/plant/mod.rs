@@ -1,11 +1,30 @@
 //! Plants: what the firmware drives and cannot know but through its encoder.
 
+mod axis;
 mod lag;
 mod position;
+mod rotor;
 mod sampled;
 mod shaft;
 mod speed;
 
+use torno_protocol::board::Stimulus;
+use torno_protocol::time::Instant;
+
+pub(crate) use axis::Axis;
 pub(crate) use position::PositionMotor;
+pub(crate) use rotor::Rotor;
 pub(crate) use sampled::SampledPlant;
 pub(crate) use speed::SpeedMotor;
+
+/// A motor with what it moves, the encoder on it, and the count that the firmware has.
+pub trait Plant {
+    /// Lets the time up to `now` pass with the drive as it is; gives the firmware's count.
+    fn advance(&mut self, now: Instant) -> i64;
+
+    /// Something happens to the encoder, the motor or the axis.
+    fn disturb(&mut self, now: Instant, stimulus: &Stimulus);
+
+    /// The firmware counts from 0 again.
+    fn restart(&mut self, now: Instant);
+}

@@ -88,6 +88,7 @@ impl PositionMotor {
     /// Something happens to motor or axis; `way` is what so many counts are in units of position.
     pub(crate) fn disturb(&mut self, stimulus: &Stimulus, way: impl Fn(i32) -> f64) {
         match stimulus {
+            Stimulus::Stall(blocked) => self.block(*blocked),
             Stimulus::Load(per_mille) => self.shaft.set_load(*per_mille),
             Stimulus::Supply(per_mille) => self.shaft.set_supply(*per_mille),
             Stimulus::Backlash(counts) => self.set_backlash(way(i32::from(*counts))),
@@ -116,7 +117,7 @@ impl PositionMotor {
     }
 
     /// Blocks the shaft, which stops dead, or frees it.
-    pub(crate) const fn block(&mut self, blocked: bool) {
+    const fn block(&mut self, blocked: bool) {
         self.shaft.block(blocked);
     }
 

@@ -1,234 +1,148 @@
 //! The settings of the feed axis's board.
 
-use serde::{Deserialize, Serialize};
+use core::ops::RangeInclusive;
 
-use super::within;
+use torno_protocol::{choice, settings};
 
-/// The settings of the feed axis's board.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct TransverseSettings {
-    /// The motor, the screw and the carriage.
-    pub plant: TransversePlant,
-    /// What drives the motor.
-    pub drive: TransverseDrive,
-    /// What the motor's position is measured with.
-    pub encoder: TransverseEncoder,
-    /// The firmware.
-    pub controller: TransverseController,
-}
+use super::axis;
 
-/// The motor of the feed axis, its screw and its carriage.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct TransversePlant {
-    /// What moves. Default the motor.
-    pub model: PositionModel,
-    /// The motor's time constant, in s: 0.001 to 100. Default 0.71875 (the open loop behind Eq. 11: 1/(2ξω)).
-    pub tau_s: f64,
-    /// The motor's speed at full drive, in rpm: 0.1 to 10000. Default 500 (§4).
-    pub rpm: f64,
-    /// The lead of the screw, in mm per revolution: 0.1 to 100. Default 2. (Ours; the paper gives none.)
-    pub pitch_mm: f64,
-    /// The way from one end stop to the other, in mm: 0.1 to 10000. Default 160. (Ours.)
-    pub travel_mm: f64,
-    /// Dead travel between motor and carriage, in mm: 0 to 10. Default 0.
-    pub backlash_mm: f64,
-    /// Coulomb friction, as a share of the torque at standstill with full drive: 0 to 2. Default 0.
-    pub friction: f64,
-    /// A torque in the negative sense whatever the motion, as such a share: −2 to 2. Default 0.
-    pub load_torque: f64,
-    /// The coefficients of the model `eq-12`.
-    pub eq12: Eq12,
-}
-
-/// What moves.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum PositionModel {
-    /// The open loop Km/(s(τs + 1)), with its carriage and its end stops.
-    #[default]
-    Motor,
-    /// Eq. 12, from the drive in LSB to the position in counts, a step every sample; with nothing but end stops.
-    #[serde(rename = "eq-12")]
-    Eq12,
-}
-
-/// gain·(z + zero)/(z² − a1·z + a2): by default as the paper prints it, which is unstable.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Eq12 {
-    /// −10 to 10. Default 0.0018695 (Eq. 12).
-    pub gain: f64,
-    /// −10 to 10. Default 0.9653 (Eq. 12; Eq. 11 gives 0.9853).
-    pub zero: f64,
-    /// −10 to 10. Default 1.958 (Eq. 12; Eq. 11 gives 1.953).
-    pub a1: f64,
-    /// −10 to 10. Default 0.9568 (Eq. 12; Eq. 11 gives 0.9565).
-    pub a2: f64,
-}
-
-/// The H-bridge of the feed axis: a magnitude by a port and a D/A converter, and two pins for the sense (§4).
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct TransverseDrive {
-    /// The supply, as a share of the one that `plant.rpm` holds for: 0.01 to 2. Default 1.
-    pub supply: f64,
-    /// The bits of the magnitude: 1 to 24. Default 8 (§4).
-    pub bits: u32,
-}
-
-/// The encoder on the motor's shaft.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct TransverseEncoder {
-    /// Slots a revolution: 1 to 1000000. Default 900 (§4).
-    pub slots_per_rev: u32,
-}
-
-/// The firmware of the feed axis. LSB are the drive's.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct TransverseController {
-    /// The law. Default the PID.
-    pub form: PositionForm,
-    /// How the set point goes to its target. Default along a trapezoid.
-    pub set_point: SetPoint,
-    /// K1 = Kp (Eq. 14), in LSB per count: 0 to 1000000. Default 1.5. (Ours.)
-    pub k1: f64,
-    /// K2 = Kp/Ti (Eq. 14), in LSB per count and s: 0 to 1000000. Default 0.5. (Ours.)
-    pub k2: f64,
-    /// K3 = Kp·Td (Eq. 14), in LSB·s per count: 0 to 1000000. Default 0.27. (Ours.)
-    pub k3: f64,
-    /// The gain of the characterisation's loop (Fig. 9), in LSB per count: 0 to 1000000. Default 0.0905815:
-    /// Km·255/7500.
-    pub kch: f64,
-    /// The largest error that is integrated, in counts: 0 to 1000000. Default 50. (Ours.)
-    pub integral_zone_counts: u32,
-    /// Feed-forward of the set point's speed, in LSB per count/s: 0 to 1000000. Default 0.034: 255/7500. (Ours.)
-    pub kv: f64,
-    /// Feed-forward of its acceleration, in LSB per count/s²: 0 to 1000000. Default 0.0244375: τ·kv. (Ours.)
-    pub ka: f64,
-    /// The set point's acceleration, in counts per sample²: 1 to 225. Default 3. (Ours.)
-    pub accel_counts_per_sample2: u32,
-    /// The sampling time, in ms: 1 to 1000. Default 30 (§4; Eq. 12 was computed with 32).
-    pub sample_ms: u32,
-    /// How near the target is in position, in counts: 0 to 1000. Default 1. (Ours.)
-    pub in_position_counts: u32,
-}
-
-/// The law of the feed axis: the drive u for the error x, both at a sample.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum PositionForm {
-    /// Eq. 14, with an integral state.
-    #[default]
-    Pid,
-    /// Eq. 15 taken at its word: the whole output u(k−1) in the place of the integral state.
-    Literal,
-    /// Fig. 9: u = Kch·x, the loop in which the motor was characterised (Eq. 8 to 11).
-    Characterisation,
-    /// No loop: the set point, in counts, is the drive in LSB. (Ours.)
-    Open,
-}
-
-/// How the set point goes to its target.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum SetPoint {
-    /// With limited speed and acceleration. (Ours.)
-    #[default]
-    Trapezoid,
-    /// At once, whatever the sub-frame's speed.
-    Step,
-}
-
-impl Default for TransversePlant {
-    fn default() -> Self {
-        Self {
-            model: PositionModel::Motor,
-            tau_s: 0.71875,
-            rpm: 500.0,
-            pitch_mm: 2.0,
-            travel_mm: 160.0,
-            backlash_mm: 0.0,
-            friction: 0.0,
-            load_torque: 0.0,
-            eq12: Eq12::default(),
-        }
+settings! {
+    /// The settings of the feed axis's board.
+    pub struct TransverseSettings {
+        /// The motor, the screw and the carriage.
+        plant: TransversePlant;
+        /// What drives the motor.
+        drive: TransverseDrive;
+        /// What the motor's position is measured with.
+        encoder: TransverseEncoder;
+        /// The firmware.
+        controller: TransverseController;
     }
 }
 
-impl Default for Eq12 {
-    fn default() -> Self {
-        Self { gain: 0.001_869_5, zero: 0.9653, a1: 1.958, a2: 0.9568 }
+settings! {
+    /// The motor of the feed axis, its screw and its carriage.
+    pub struct TransversePlant {
+        /// What moves.
+        model: PositionModel = PositionModel::Motor, PositionModel::NAMES, "", "ours";
+        /// The motor's time constant: that of the open loop behind Eq. 11, 1/(2ξω).
+        tau_s: f64 = 0.71875, axis::TAU_S, "s", "Eq. 11";
+        /// The motor's speed at full drive.
+        rpm: f64 = 500.0, axis::RPM, "rpm", "§4";
+        /// The lead of the screw.
+        pitch_mm: f64 = 2.0, axis::PITCH_MM, "mm per revolution", "ours; the paper gives none";
+        /// The way from one end stop to the other.
+        travel_mm: f64 = 160.0, axis::TRAVEL_MM, "mm", "ours";
+        /// Dead travel between motor and carriage.
+        backlash_mm: f64 = 0.0, axis::BACKLASH_MM, "mm", "ours";
+        /// Coulomb friction, as a share of the torque at standstill with full drive.
+        friction: f64 = 0.0, axis::FRICTION, "", "ours";
+        /// A torque in the negative sense whatever the motion, as such a share.
+        load_torque: f64 = 0.0, axis::LOAD_TORQUE, "", "ours";
+        /// The coefficients of the model `eq-12`.
+        eq12: Eq12;
     }
 }
 
-impl Default for TransverseDrive {
-    fn default() -> Self {
-        Self { supply: 1.0, bits: 8 }
+choice! {
+    /// What moves.
+    pub enum PositionModel {
+        /// The open loop Km/(s(τs + 1)), with its carriage and its end stops.
+        Motor = "motor",
+        /// Eq. 12, from the drive in LSB to the position in counts, a step every sample; with nothing but end stops.
+        Eq12 = "eq-12",
     }
 }
 
-impl Default for TransverseEncoder {
-    fn default() -> Self {
-        Self { slots_per_rev: 900 }
+settings! {
+    /// gain·(z + zero)/(z² − a1·z + a2): by default as the paper prints it, which is unstable.
+    pub struct Eq12 {
+        /// The gain.
+        gain: f64 = 0.001_869_5, -10.0..=10.0, "", "Eq. 12";
+        /// The zero, negated. (Eq. 11 gives 0.9853.)
+        zero: f64 = 0.9653, -10.0..=10.0, "", "Eq. 12";
+        /// What weighs the output before. (Eq. 11 gives 1.953.)
+        a1: f64 = 1.958, -10.0..=10.0, "", "Eq. 12";
+        /// What weighs the output before that, negated. (Eq. 11 gives 0.9565.)
+        a2: f64 = 0.9568, -10.0..=10.0, "", "Eq. 12";
     }
 }
 
-impl Default for TransverseController {
-    fn default() -> Self {
-        Self {
-            form: PositionForm::Pid,
-            set_point: SetPoint::Trapezoid,
-            k1: 1.5,
-            k2: 0.5,
-            k3: 0.27,
-            kch: 0.090_581_501_7,
-            integral_zone_counts: 50,
-            kv: 0.034,
-            ka: 0.024_437_5,
-            accel_counts_per_sample2: 3,
-            sample_ms: 30,
-            in_position_counts: 1,
-        }
+settings! {
+    /// The H-bridge of the feed axis: a magnitude by a port and a D/A converter, and two pins for the sense (§4).
+    pub struct TransverseDrive {
+        /// The supply, as a share of the one that `plant.rpm` holds for.
+        supply: f64 = 1.0, axis::SUPPLY, "", "ours";
+        /// The bits of the magnitude.
+        bits: u32 = 8, 1..=24, "", "§4";
+    }
+}
+
+settings! {
+    /// The encoder on the motor's shaft.
+    pub struct TransverseEncoder {
+        /// Slots a revolution.
+        slots_per_rev: u32 = 900, 1..=1_000_000, "", "§4";
+    }
+}
+
+settings! {
+    /// The firmware of the feed axis. LSB are the drive's.
+    pub struct TransverseController {
+        /// The law.
+        form: PositionForm = PositionForm::Pid, PositionForm::NAMES, "", "§4";
+        /// How the set point goes to its target.
+        set_point: SetPoint = SetPoint::Trapezoid, SetPoint::NAMES, "", "ours";
+        /// K1 = Kp (Eq. 14).
+        k1: f64 = 1.5, GAIN, "LSB per count", "ours";
+        /// K2 = Kp/Ti (Eq. 14).
+        k2: f64 = 0.5, GAIN, "LSB per count and s", "ours";
+        /// K3 = Kp·Td (Eq. 14).
+        k3: f64 = 0.27, GAIN, "LSB·s per count", "ours";
+        /// The gain of the characterisation's loop (Fig. 9): Km·255/7500.
+        kch: f64 = 0.090_581_501_7, GAIN, "LSB per count", "Eq. 11";
+        /// The largest error that is integrated.
+        integral_zone_counts: u32 = 50, 0..=1_000_000, "counts", "ours";
+        /// Feed-forward of the set point's speed: 255/7500.
+        kv: f64 = 0.034, GAIN, "LSB per count/s", "ours";
+        /// Feed-forward of its acceleration: τ·kv.
+        ka: f64 = 0.024_437_5, GAIN, "LSB per count/s²", "ours";
+        /// The set point's acceleration.
+        accel_counts_per_sample2: u32 = 3, 1..=225, "counts per sample²", "ours";
+        /// The sampling time. (Eq. 12 was computed with 32.)
+        sample_ms: u32 = 30, 1..=1_000, "ms", "§4";
+        /// How near the target is in position.
+        in_position_counts: u32 = 1, 0..=1_000, "counts", "ours";
+    }
+}
+
+const GAIN: RangeInclusive<f64> = 0.0..=1e6;
+
+choice! {
+    /// The law of the feed axis: the drive u for the error x, both at a sample.
+    pub enum PositionForm {
+        /// Eq. 14, with an integral state.
+        Pid = "pid",
+        /// Eq. 15 taken at its word: the whole output u(k−1) in the place of the integral state.
+        Literal = "literal",
+        /// Fig. 9: u = Kch·x, the loop in which the motor was characterised (Eq. 8 to 11).
+        Characterisation = "characterisation",
+        /// No loop: the set point, in counts, is the drive in LSB. (Ours.)
+        Open = "open",
+    }
+}
+
+choice! {
+    /// How the set point goes to its target.
+    pub enum SetPoint {
+        /// With limited speed and acceleration. (Ours.)
+        Trapezoid = "trapezoid",
+        /// At once, whatever the sub-frame's speed.
+        Step = "step",
     }
 }
 
 impl TransverseSettings {
-    /// Checks every field's range.
-    ///
-    /// # Errors
-    /// The first field that is out of range: its name, what was expected, what was found.
-    pub fn check(&self) -> Result<(), String> {
-        let Self { plant, drive, encoder, controller } = self;
-        within("plant.tau_s", plant.tau_s, 0.001, 100.0)?;
-        within("plant.rpm", plant.rpm, 0.1, 10_000.0)?;
-        within("plant.pitch_mm", plant.pitch_mm, 0.1, 100.0)?;
-        within("plant.travel_mm", plant.travel_mm, 0.1, 10_000.0)?;
-        within("plant.backlash_mm", plant.backlash_mm, 0.0, 10.0)?;
-        within("plant.friction", plant.friction, 0.0, 2.0)?;
-        within("plant.load_torque", plant.load_torque, -2.0, 2.0)?;
-        within("plant.eq12.gain", plant.eq12.gain, -10.0, 10.0)?;
-        within("plant.eq12.zero", plant.eq12.zero, -10.0, 10.0)?;
-        within("plant.eq12.a1", plant.eq12.a1, -10.0, 10.0)?;
-        within("plant.eq12.a2", plant.eq12.a2, -10.0, 10.0)?;
-        within("drive.supply", drive.supply, 0.01, 2.0)?;
-        within("drive.bits", drive.bits, 1.0, 24.0)?;
-        within("encoder.slots_per_rev", encoder.slots_per_rev, 1.0, 1e6)?;
-        within("controller.k1", controller.k1, 0.0, 1e6)?;
-        within("controller.k2", controller.k2, 0.0, 1e6)?;
-        within("controller.k3", controller.k3, 0.0, 1e6)?;
-        within("controller.kch", controller.kch, 0.0, 1e6)?;
-        within("controller.integral_zone_counts", controller.integral_zone_counts, 0.0, 1e6)?;
-        within("controller.kv", controller.kv, 0.0, 1e6)?;
-        within("controller.ka", controller.ka, 0.0, 1e6)?;
-        within("controller.accel_counts_per_sample2", controller.accel_counts_per_sample2, 1.0, 225.0)?;
-        within("controller.sample_ms", controller.sample_ms, 1.0, 1_000.0)?;
-        within("controller.in_position_counts", controller.in_position_counts, 0.0, 1_000.0)
-    }
-
     /// The motor's speed at full drive, in counts/s.
     pub(crate) fn full_counts_per_s(&self) -> f64 {
         self.plant.rpm * f64::from(self.encoder.slots_per_rev) / 60.0

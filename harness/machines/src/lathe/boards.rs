@@ -13,18 +13,21 @@ use crate::motor::{Encoder, Form, Law, Motor};
 pub(super) const KINDS: [Kind; 5] = [
     Kind {
         name: "master",
+        settings: MasterSettings::declared,
         build: |settings, clock| Ok(boxed(Master::new(&read(settings, MasterSettings::check)?, clock))),
         motor: |settings, _| read(settings, MasterSettings::check).map(|_| None),
         mm_per_count: |settings, _| read(settings, MasterSettings::check).map(|_| None),
     },
     Kind {
         name: "spindle",
+        settings: SpindleSettings::declared,
         build: |settings, clock| Ok(boxed(Spindle::new(&read(settings, SpindleSettings::check)?, clock))),
         motor: |settings, _| read(settings, SpindleSettings::check).map(|settings| Some(spindle(&settings))),
         mm_per_count: |settings, _| read(settings, SpindleSettings::check).map(|_| None),
     },
     Kind {
         name: "transverse",
+        settings: TransverseSettings::declared,
         build: |settings, clock| Ok(boxed(Transverse::new(&read(settings, TransverseSettings::check)?, clock))),
         motor: |settings, _| read(settings, TransverseSettings::check).map(|settings| Some(transverse(&settings))),
         mm_per_count: |settings, quantity| {
@@ -34,6 +37,7 @@ pub(super) const KINDS: [Kind; 5] = [
     },
     Kind {
         name: "depth",
+        settings: DepthSettings::declared,
         build: |settings, clock| Ok(boxed(Depth::new(&read(settings, DepthSettings::check)?, clock))),
         motor: |settings, _| read(settings, DepthSettings::check).map(|settings| Some(depth(&settings))),
         mm_per_count: |settings, quantity| {
@@ -43,6 +47,7 @@ pub(super) const KINDS: [Kind; 5] = [
     },
     Kind {
         name: "dspic",
+        settings: DspicSettings::declared,
         build: |settings, clock| Ok(boxed(Dspic::new(&read(settings, DspicSettings::check)?, clock))),
         motor: |settings, which| {
             let settings = read(settings, DspicSettings::check)?;

@@ -8,6 +8,7 @@ use crate::kinds::{Kind, boxed, read};
 /// for a bench.
 pub(super) const SERVO: Kind = Kind {
     name: "servo",
+    settings: ServoSettings::declared,
     build: |settings, clock| Ok(boxed(Servo::new(&read(settings, ServoSettings::check)?, clock))),
     motor: |settings, _| read(settings, ServoSettings::check).map(|_| None),
     mm_per_count: |settings, quantity| {

@@ -1,0 +1,76 @@
+//! What one board's motor and firmware have and the others' have not.
+
+use torno_protocol::board::Heeds;
+use torno_protocol::lathe::Fault;
+use torno_protocol::time::Instant;
+
+use crate::plant::Plant;
+
+/// How many quantities a machine shows in telemetry.
+pub(crate) const QUANTITIES: usize = 4;
+
+/// A control law, and the plant that it drives.
+///
+/// It does nothing of itself: a [`Task`](crate::Task) calls it, and sees to all that happens to its plant.
+pub trait Machine {
+    /// Its settings.
+    type Settings
+    where
+        Self: Sized;
+
+    /// The sub-frame that it executes.
+    type Part
+    where
+        Self: Sized;
+
+    /// As at power-on, with the time between samples in ms.
+    fn new(settings: &Self::Settings) -> (Self, u32)
+    where
+        Self: Sized;
+
+    /// The quantities' names.
+    fn signals(&self) -> [&'static str; QUANTITIES];
+
+    /// The quantities, as the firmware has them.
+    fn values(&self) -> [i64; QUANTITIES];
+
+    /// What its plant heeds of the stimuli that mean nothing to some boards.
+    fn heeds(&self) -> &'static [Heeds];
+
+    /// What it drives.
+    fn plant(&mut self) -> &mut dyn Plant;
+
+    /// Starts to execute a sub-frame.
+    fn start(&mut self, now: Instant, part: Self::Part)
+    where
+        Self: Sized;
+
+    /// One sample of the control law. `busy`: a sub-frame is being executed.
+    fn sample(&mut self, now: Instant, busy: bool) -> Progress;
+
+    /// The service mode: drives with so many per mille of full drive from now on, whatever the law says. See
+    /// [`Stimulus::Drive`](torno_protocol::board::Stimulus::Drive).
+    fn serve(&mut self, per_mille: i32);
+
+    /// The firmware starts anew. The plant stays as it is, but for the drive, which is off.
+    fn reset(&mut self, now: Instant);
+
+    /// Without a sub-frame or a stimulus, further samples would change nothing.
+    fn is_at_rest(&self) -> bool;
+
+    /// A sample may fail although no sub-frame is being executed.
+    fn is_on_watch(&self) -> bool {
+        false
+    }
+}
+
+/// How far a machine has got with its sub-frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Progress {
+    /// Still at it, or nothing to do.
+    Going,
+    /// Executed.
+    Done,
+    /// Failed; the drive is off.
+    Failed(Fault),
+}
