@@ -156,7 +156,7 @@ impl Ring {
         let mut steppers: Vec<Stepper<Chatterbox>> = self.boards.iter().cloned().map(Stepper::new).collect();
         let mut give = |engine: &mut Engine, turns: Vec<(NodeId, Turn)>| {
             for (node, turn) in turns {
-                let batch = steppers[node].turn(&turn).unwrap();
+                let batch = steppers[node].turn(turn).unwrap();
                 engine.answer(node, batch).unwrap();
             }
         };
@@ -420,7 +420,7 @@ proptest! {
         let mut steppers: Vec<_> = ring.boards.iter().cloned().map(Stepper::new).collect();
         let mut give = |engine: &mut Engine, turns: Vec<(NodeId, Turn)>| {
             for (node, turn) in turns {
-                engine.answer(node, steppers[node].turn(&turn).unwrap()).unwrap();
+                engine.answer(node, steppers[node].turn(turn).unwrap()).unwrap();
             }
         };
         let first = engine.catch_up(Instant::START.next());
@@ -537,7 +537,7 @@ fn a_stopped_board_goes_on_as_a_hung_one_however_much_it_has_missed() {
     let mut node = Node::new(2);
     let mut stepper = Stepper::new(chatterbox());
     let first = node.turn(stop);
-    node.answer(stepper.turn(&first).unwrap());
+    node.answer(stepper.turn(first).unwrap());
     node.stop(stop, Life::Stopped);
     node.hear(hang(stop, true));
     edges.iter().for_each(|edges| node.hear(Heard::Edges { port: 0, edges: edges.clone() }));
@@ -545,7 +545,7 @@ fn a_stopped_board_goes_on_as_a_hung_one_however_much_it_has_missed() {
     node.hear(hang(resume, false));
     let turn = node.turn(ms(21_000));
     assert!(turn.heard.len() < 2 * KEPT + 10, "{}", turn.heard.len());
-    assert_eq!(stepper.turn(&turn).unwrap().outputs, expected);
+    assert_eq!(stepper.turn(turn).unwrap().outputs, expected);
 }
 
 /// What was taken back at the instant after a start edge, and comes again, is the same start.
@@ -587,7 +587,7 @@ fn computed_per_turn(pairs: u64) -> f64 {
     while !turns.is_empty() {
         for (node, turn) in turns {
             given += 1;
-            engine.answer(node, steppers[node].turn(&turn).unwrap()).unwrap();
+            engine.answer(node, steppers[node].turn(turn).unwrap()).unwrap();
         }
         turns = engine.poll(Limit::until(Instant::START + Span::from_secs(2)));
     }
@@ -621,7 +621,7 @@ fn a_cut_line_carries_nothing_more() {
     let mut turns = engine.catch_up(Instant::START.next());
     while !turns.is_empty() {
         for (node, turn) in turns {
-            engine.answer(node, steppers[node].turn(&turn).unwrap()).unwrap();
+            engine.answer(node, steppers[node].turn(turn).unwrap()).unwrap();
         }
         turns = engine.poll(Limit::until(Instant::START + Span::from_millis(200)));
     }
@@ -653,7 +653,7 @@ fn what_would_wake_a_stopped_board_waits_until_it_goes_on() {
             let mut turns = engine.catch_up(Instant::START.next());
             loop {
                 for (node, turn) in turns {
-                    engine.answer(node, steppers[node].turn(&turn).unwrap()).unwrap();
+                    engine.answer(node, steppers[node].turn(turn).unwrap()).unwrap();
                 }
                 turns = engine.poll(Limit::until(ms(until)));
                 if turns.is_empty() {
@@ -707,7 +707,7 @@ fn what_waits_for_a_stopped_board_keeps_nothing_back() {
     let mut steppers: Vec<_> = ring.boards.into_iter().map(Stepper::new).collect();
     let mut give = |engine: &mut Engine, turns: Vec<(NodeId, Turn)>| {
         for (node, turn) in turns {
-            engine.answer(node, steppers[node].turn(&turn).unwrap()).unwrap();
+            engine.answer(node, steppers[node].turn(turn).unwrap()).unwrap();
         }
     };
     bring_to(ms(50), &mut engine, &mut give);
