@@ -48,7 +48,7 @@ pub async fn run(kind: &str) -> Result<(), SeatError> {
             (ToBoard::Turn(mut turn), Some(board)) => {
                 heard.append(&mut turn.heard);
                 turn.heard = core::mem::take(&mut heard);
-                match board.turn(&turn) {
+                match board.turn(turn) {
                     Ok(batch) => {
                         batch.into_records().try_for_each(|record| send(&mut channel, &record))?;
                         continue;

@@ -103,19 +103,26 @@ impl Ticks {
 
     /// The time that `n` ticks take, rounded to the nearest nanosecond.
     pub fn span(&self, n: u64) -> Span {
-        let product = u128::from(n).saturating_mul(self.nanos);
-        // 64-bit division is several times faster than 128-bit, and usually enough.
-        let ns = match (u64::try_from(product), u64::try_from(self.ticks)) {
-            (Ok(product), Ok(ticks)) => rounded(product, ticks),
-            _ => u64::try_from((product + self.ticks / 2) / self.ticks).unwrap_or(u64::MAX),
+        let small = |wide: u128| u64::try_from(wide).ok();
+        // 64-bit arithmetic is several times faster than 128-bit, and usually enough.
+        let ns = match (small(self.nanos).and_then(|nanos| n.checked_mul(nanos)), small(self.ticks)) {
+            (Some(product), Some(ticks)) => rounded(product, ticks),
+            _ => {
+                let product = u128::from(n).saturating_mul(self.nanos);
+                u64::try_from((product + self.ticks / 2) / self.ticks).unwrap_or(u64::MAX)
+            }
         };
         Span::from_nanos(ns)
     }
 
     /// The number of the first tick at or after `t` (0 before the origin).
     pub fn first_from(&self, t: Instant) -> u64 {
-        let elapsed = u128::from(t.since(self.origin).as_nanos());
-        let mut n = u64::try_from(elapsed * self.ticks / self.nanos).unwrap_or(u64::MAX);
+        let elapsed = t.since(self.origin).as_nanos();
+        let small = |wide: u128| u64::try_from(wide).ok();
+        let mut n = match (small(self.ticks).and_then(|ticks| elapsed.checked_mul(ticks)), small(self.nanos)) {
+            (Some(product), Some(nanos)) => product / nanos,
+            _ => u64::try_from(u128::from(elapsed) * self.ticks / self.nanos).unwrap_or(u64::MAX),
+        };
         while n > 0 && self.at(n - 1) >= t {
             n -= 1;
         }

@@ -357,6 +357,8 @@ pub struct Stepper<B> {
     head: Cell<B>,
     /// Earlier states, oldest first.
     checkpoints: Vec<Checkpoint<B>>,
+    /// How many things have been handled since the last of them.
+    since_checkpoint: u32,
     /// Everything before this instant has been run and told.
     horizon: Instant,
 }
@@ -387,7 +389,7 @@ impl<B: Board> Stepper<B> {
     /// A stepper for `board`, as at power-on.
     pub fn new(board: B) -> Self {
         let head = Cell::new(board);
-        Self { checkpoints: vec![Checkpoint::of(&head)], head, horizon: Instant::START }
+        Self { checkpoints: vec![Checkpoint::of(&head)], head, since_checkpoint: 0, horizon: Instant::START }
     }
 
     /// The board, run ahead.
@@ -399,7 +401,7 @@ impl<B: Board> Stepper<B> {
     ///
     /// # Errors
     /// [`BrokenPromise`] if the board's `mute` was wrong.
-    pub fn turn(&mut self, turn: &Turn) -> Result<Batch, BrokenPromise> {
+    pub fn turn(&mut self, turn: Turn) -> Result<Batch, BrokenPromise> {
         self.forget_before(turn.commit);
         let effect = turn.heard.iter().map(|heard| self.head.effect(heard)).min();
         if let Some(effect) = effect.filter(|effect| *effect <= self.head.handled) {
@@ -413,7 +415,7 @@ impl<B: Board> Stepper<B> {
             self.head.hear(heard);
         }
         if let Some(last) = self.checkpoints.last_mut() {
-            last.since.extend_from_slice(&turn.heard);
+            last.since.extend(turn.heard);
         }
         self.run_ahead(turn.until, effect, &mut batch);
         batch.horizon = self.horizon;
@@ -438,7 +440,11 @@ impl<B: Board> Stepper<B> {
             since.iter().for_each(|heard| cell.hear(heard));
             self.head = cell.clone();
         }
-        self.head.run(effect, |_, _| {});
+        self.since_checkpoint = 0;
+        while let Some((at, next)) = self.head.next().filter(|(at, _)| *at < effect) {
+            self.since_checkpoint += 1;
+            self.head.step(at, next, |_, _| {});
+        }
     }
 
     /// Runs and tells what lies between the horizon and `until`: that is how a mute board catches up.
@@ -463,8 +469,9 @@ impl<B: Board> Stepper<B> {
         let cap = self.head.handled.max(until).max(effect.unwrap_or_default()) + RUN_AHEAD;
         let mut run_on = Instant::NEVER;
         let mut run_on_max = Instant::NEVER;
-        let mut since_checkpoint = 0;
-        self.checkpoints.push(Checkpoint::of(&self.head));
+        if self.since_checkpoint > 0 {
+            self.checkpoint();
+        }
         loop {
             let Some((at, next)) = self.head.next() else {
                 self.horizon = Instant::NEVER;
@@ -474,11 +481,9 @@ impl<B: Board> Stepper<B> {
             if at >= until && (self.head.mute_since.is_some() || at >= cap || at >= run_on) {
                 break;
             }
-            if since_checkpoint == CHECKPOINT_EVERY {
-                since_checkpoint = 0;
-                self.checkpoints.push(Checkpoint::of(&self.head));
+            if self.since_checkpoint >= CHECKPOINT_EVERY {
+                self.checkpoint();
             }
-            since_checkpoint += 1;
             self.tell(at, next, batch, |output| {
                 if let Output::Character { end, .. } = output {
                     run_on_max = run_on_max.min(at + RUN_ON_MAX);
@@ -488,8 +493,14 @@ impl<B: Board> Stepper<B> {
         }
     }
 
+    fn checkpoint(&mut self) {
+        self.since_checkpoint = 0;
+        self.checkpoints.push(Checkpoint::of(&self.head));
+    }
+
     /// Handles the next thing, and tells what comes of it.
     fn tell(&mut self, at: Instant, next: Next, batch: &mut Batch, mut look: impl FnMut(&Output)) {
+        self.since_checkpoint += 1;
         self.head.step(at, next, |at, output| {
             look(&output);
             batch.outputs.push(Timed { at, output });
@@ -585,7 +596,7 @@ mod tests {
     #[test]
     fn runs_ahead_to_the_next_output_and_promises_it() {
         let mut stepper = Stepper::new(Counter::new(false, true));
-        let batch = stepper.turn(&turn(ms(1), vec![])).unwrap();
+        let batch = stepper.turn(turn(ms(1), vec![])).unwrap();
         let spoke = batch.outputs.iter().find(|told| matches!(told.output, Output::Character { .. })).unwrap();
         assert_eq!(spoke.at, ms(510));
         assert!(batch.horizon > spoke.at && batch.mute_since.is_none());
@@ -593,17 +604,17 @@ mod tests {
 
     #[test]
     fn a_silent_board_is_run_ahead_to_the_cap_and_a_mute_one_not_at_all() {
-        let batch = Stepper::new(Counter::new(false, false)).turn(&turn(ms(1), vec![])).unwrap();
+        let batch = Stepper::new(Counter::new(false, false)).turn(turn(ms(1), vec![])).unwrap();
         assert_eq!(batch.horizon, ms(1110));
-        let batch = Stepper::new(Counter::new(true, false)).turn(&turn(ms(1), vec![])).unwrap();
+        let batch = Stepper::new(Counter::new(true, false)).turn(turn(ms(1), vec![])).unwrap();
         assert_eq!((batch.horizon, batch.mute_since), (ms(30), Some(Instant::START)));
     }
 
     #[test]
     fn what_is_heard_takes_back_what_was_told_from_its_effect_on() {
         let mut stepper = Stepper::new(Counter::new(false, false));
-        stepper.turn(&turn(ms(1), vec![])).unwrap();
-        let batch = stepper.turn(&turn(ms(1), vec![byte(7, ms(100))])).unwrap();
+        stepper.turn(turn(ms(1), vec![])).unwrap();
+        let batch = stepper.turn(turn(ms(1), vec![byte(7, ms(100))])).unwrap();
         assert!(batch.from > ms(100) && batch.from < ms(101));
         assert_eq!(batch.outputs[0].output, Output::Event { event: 0, value: 7 });
         assert!(batch.outputs.iter().all(|told| told.at >= batch.from));
@@ -612,8 +623,8 @@ mod tests {
     #[test]
     fn a_broken_promise_is_named() {
         let mut stepper = Stepper::new(Counter::new(true, true));
-        stepper.turn(&turn(ms(1), vec![])).unwrap();
-        assert_eq!(stepper.turn(&turn(ms(1000), vec![])), Err(BrokenPromise { at: ms(510) }));
+        stepper.turn(turn(ms(1), vec![])).unwrap();
+        assert_eq!(stepper.turn(turn(ms(1000), vec![])), Err(BrokenPromise { at: ms(510) }));
     }
 
     /// Concludes something 50 ms after each character.
@@ -653,7 +664,7 @@ mod tests {
     #[test]
     fn a_silence_is_told_until_it_has_lasted_and_only_if_it_lasts() {
         let silences = |stepper: &mut Stepper<Patient>, heard| -> Vec<u64> {
-            let batch = stepper.turn(&turn(ms(1), heard)).unwrap();
+            let batch = stepper.turn(turn(ms(1), heard)).unwrap();
             batch.silences.iter().map(|silence| silence.deadline.since(ms(0)).as_nanos() / 1_000_000).collect()
         };
         let mut stepper = Stepper::new(Patient::default());
@@ -718,7 +729,7 @@ mod tests {
     fn a_slow_board_with_characters_to_fetch_is_not_mute() {
         let mut stepper = Stepper::new(Counter::new(true, false));
         let slow = stimulus(ms(1), Stimulus::Slow(Span::from_millis(100)));
-        let batch = stepper.turn(&turn(ms(6), vec![slow, byte(1, ms(2)), byte(2, ms(4))])).unwrap();
+        let batch = stepper.turn(turn(ms(6), vec![slow, byte(1, ms(2)), byte(2, ms(4))])).unwrap();
         assert!(batch.outputs.iter().any(|told| told.output == Output::Event { event: 0, value: 2 }));
         assert_eq!(batch.mute_since.map(|since| since.as_nanos() / 1_000_000), Some(103));
     }

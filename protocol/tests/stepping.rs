@@ -380,7 +380,7 @@ fn a_board_hears_by_its_new_clock_and_by_its_new_speed() {
 fn mute_since(heard: &[Heard], until: u64) -> Option<u64> {
     let mut stepper = Stepper::new(Echo::new(Clock::TRUE));
     let turn = Turn { commit: Instant::START, until: ms(until), heard: heard.to_vec() };
-    stepper.turn(&turn).unwrap().mute_since.map(|since| since.as_nanos() / 1_000_000)
+    stepper.turn(turn).unwrap().mute_since.map(|since| since.as_nanos() / 1_000_000)
 }
 
 #[test]
@@ -405,7 +405,7 @@ fn a_board_is_run_on_for_a_while_after_it_has_spoken() {
         let mut heard: Vec<Heard> = echoes.iter().map(|at| byte(HARD, at - 4, 7)).collect();
         // Something that keeps it from being mute.
         heard.push(stimulus(900, Stimulus::Supply(1)));
-        let batch = stepper.turn(&Turn { commit: Instant::START, until: ms(1), heard }).unwrap();
+        let batch = stepper.turn(Turn { commit: Instant::START, until: ms(1), heard }).unwrap();
         batch.horizon.as_nanos() / 1_000_000
     };
     assert_eq!(horizon(&[10]), 900, "at least to the next thing");
@@ -478,7 +478,7 @@ proptest! {
         while commit < end {
             let until = (commit + Span::from_nanos(*cuts.next().unwrap())).min(end);
             let now = heard.iter().filter(|(at, _)| (commit..until).contains(at)).map(|(_, heard)| heard.clone());
-            let batch = stepper.turn(&Turn { commit, until, heard: now.collect() }).unwrap();
+            let batch = stepper.turn(Turn { commit, until, heard: now.collect() }).unwrap();
             prop_assert!(batch.from >= commit && batch.horizon >= until);
             prop_assert!(batch.outputs.iter().all(|timed| timed.at >= batch.from && timed.at < batch.horizon));
             told.retain(|timed| timed.at < batch.from);

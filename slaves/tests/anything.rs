@@ -269,7 +269,7 @@ fn told(mut stepper: Stepper<Transverse>, heard: &[Heard], cuts: &[Instant]) -> 
     let mut commit = Instant::START;
     for until in cuts {
         let now = heard.iter().filter(|heard| (commit..*until).contains(&begin(heard))).cloned().collect();
-        let batch: Batch = stepper.turn(&Turn { commit, until: *until, heard: now }).unwrap();
+        let batch: Batch = stepper.turn(Turn { commit, until: *until, heard: now }).unwrap();
         told.retain(|timed| timed.at < batch.from);
         told.extend(batch.outputs);
         commit = *until;

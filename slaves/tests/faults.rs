@@ -348,7 +348,7 @@ fn without_supply_there_is_no_service_mode() {
     let at = |ms: u64| Instant::START + Span::from_millis(ms);
     let heard = |ms, stimulus| Heard::Stimulus { at: at(ms), stimulus };
     let heard = vec![heard(10, Stimulus::Power(false)), heard(20, Stimulus::Drive(900))];
-    let batch = board.turn(&Turn { commit: Instant::START, until: at(500), heard }).unwrap();
+    let batch = board.turn(Turn { commit: Instant::START, until: at(500), heard }).unwrap();
     assert!(!batch.outputs.iter().any(|timed| matches!(timed.output, Output::Telemetry { .. })), "{batch:?}");
 }
 

@@ -77,6 +77,6 @@ pub(crate) fn all_at_work(masters: usize) -> Cost {
 
 fn give(engine: &mut Engine, steppers: &mut [Box<dyn Steps>], turns: Vec<(NodeId, Turn)>) {
     for (node, turn) in turns {
-        engine.answer(node, steppers[node].turn(&turn).unwrap()).unwrap();
+        engine.answer(node, steppers[node].turn(turn).unwrap()).unwrap();
     }
 }

@@ -32,7 +32,9 @@ pub enum Disturbance {
         /// What the pulses are drawn from.
         seed: u64,
     },
-    /// Something happens to one character: the `nth` from when the fault begins, from 1.
+    /// Something happens to one character: the `nth` of those that are committed from when the fault begins on, from 1.
+    /// Of several that meet the same one, that which began first acts first. What happens to it is decided when it is
+    /// committed; it ends when the fault is healed.
     Character {
         /// Which.
         nth: u64,
@@ -46,7 +48,7 @@ pub enum Disturbance {
 pub enum Tampering {
     /// A bit is inverted: 0 is the start bit, 1 to 8 the data bits, least significant first, 9 the stop bit.
     Flip(u8),
-    /// An edge comes late. 0 is the first edge of the character; beyond its last, the last.
+    /// An edge comes late: the sender drives it late, for the wires that this one touches too. 0 is the first edge of the character; beyond its last, the last.
     Delay {
         /// Which edge.
         edge: u8,
@@ -261,7 +263,9 @@ impl Wire {
                 self.noises.push(noise);
             }
             Disturbance::Character { nth, what } => {
-                self.traps.push(Trap { fault, from: at, until, left: nth.max(1), what });
+                // Of several that meet one character, the one that began first acts first, whenever they were asked for.
+                let place = self.traps.partition_point(|other| other.from <= at);
+                self.traps.insert(place, Trap { fault, from: at, until, left: nth.max(1), what });
             }
         }
         passed
@@ -311,7 +315,10 @@ impl Wire {
                 continue;
             }
             self.fired.push(trap.fault);
-            let mut force = |from, until, how| forces.push(Force { fault: trap.fault, from, until, how });
+            let mut force = |from, until: Instant, how| {
+                // Healed ahead of time, it ends as if it were healed then.
+                forces.push(Force { fault: trap.fault, from, until: until.min(trap.until), how });
+            };
             let length = end.since(first);
             match trap.what {
                 Tampering::Flip(bit) => {
@@ -328,7 +335,9 @@ impl Wire {
                     });
                 }
                 Tampering::Delay { edge, by } => {
-                    let edge = usize::from(edge).min(edges.len() - 1);
+                    // Another delay can have left it without edges.
+                    let Some(last) = edges.len().checked_sub(1) else { continue };
+                    let edge = usize::from(edge).min(last);
                     // The next character's begin where this one ends.
                     edges[edge].at = (edges[edge].at + by).min(end);
                     // An edge that comes after the next one has no effect, nor has the next.
@@ -553,6 +562,50 @@ mod tests {
         let very_late = Tampering::Delay { edge: 1, by: Span::from_micros(80) };
         assert_eq!(tampered(1, very_late, b"\x55"), good(b"\x54"));
         assert_eq!(tampered(4, Tampering::Drop, b"abc"), good(b"abc"));
+    }
+
+    #[test]
+    fn a_character_that_a_delay_has_left_nothing_of_can_be_delayed_again() {
+        let mut bench = Bench::new();
+        let by = Span::from_micros(200);
+        let delay = Disturbance::Character { nth: 1, what: Tampering::Delay { edge: 0, by } };
+        bench.disturb(us(0), delay.clone());
+        bench.disturb(us(0), delay);
+        assert_eq!(bench.received(b"\xffa"), good(b"a"));
+        assert_eq!(bench.wire.take_fired(), [FAULT, FAULT]);
+    }
+
+    #[test]
+    fn of_several_that_meet_a_character_the_one_that_began_first_acts_first() {
+        let received = |early: Span, late: Span| {
+            let mut bench = Bench::new();
+            let delay = |edge, by| Disturbance::Character { nth: 1, what: Tampering::Delay { edge, by } };
+            for (from, what) in [(us(20), delay(0, late)), (us(10), delay(1, early))] {
+                let told = bench.wire.disturb(FAULT, us(0), from, &what);
+                bench.tell(told);
+            }
+            bench.received(b"\xff")
+        };
+        // An edge that would have been passed has gone on before.
+        assert_eq!(received(Span::from_micros(200), Span::from_micros(200)), good(b"\xff"));
+        assert_eq!(received(Span::from_micros(1), Span::from_micros(200)), []);
+    }
+
+    #[test]
+    fn what_happens_to_a_character_ends_with_its_fault_whenever_that_was_healed() {
+        let edges = |healed_before: bool| {
+            let mut bench = Bench::new();
+            bench.disturb(us(0), Disturbance::Character { nth: 1, what: Tampering::Drop });
+            if healed_before {
+                bench.wire.heal(FAULT, us(1_500));
+            }
+            bench.send(b"U");
+            bench.wire.heal(FAULT, us(1_500));
+            let idle = |_: LineId, _: Instant| Driven { level: Level::High, next: Instant::NEVER };
+            bench.wire.pass(us(5_000), idle)
+        };
+        assert_eq!(edges(true), edges(false));
+        assert!(edges(true).is_some_and(|edges| edges.len() > 2));
     }
 
     #[test]

@@ -45,7 +45,7 @@ pub trait Steps: Send {
     ///
     /// # Errors
     /// See [`Stepper::turn`].
-    fn turn(&mut self, turn: &Turn) -> Result<Batch, BrokenPromise>;
+    fn turn(&mut self, turn: Turn) -> Result<Batch, BrokenPromise>;
 }
 
 impl<B: Board + Send> Steps for Stepper<B> {
@@ -53,7 +53,7 @@ impl<B: Board + Send> Steps for Stepper<B> {
         self.board().description()
     }
 
-    fn turn(&mut self, turn: &Turn) -> Result<Batch, BrokenPromise> {
+    fn turn(&mut self, turn: Turn) -> Result<Batch, BrokenPromise> {
         Self::turn(self, turn)
     }
 }

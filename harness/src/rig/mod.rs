@@ -491,7 +491,7 @@ impl Rig {
             let node = &mut self.nodes[id];
             match &mut node.seat {
                 Seat::Local(stepper) => {
-                    let answer = stepper.turn(&turn);
+                    let answer = stepper.turn(turn);
                     let broken = |source| RigError::BrokenPromise { board: node.name.clone(), source };
                     let answer = answer.map_err(broken)?;
                     self.charge(id);

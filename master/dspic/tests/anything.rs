@@ -156,7 +156,7 @@ fn told(clock: Clock, heard: &[Heard], cuts: &[Instant]) -> Vec<Timed> {
     let mut commit = Instant::START;
     for until in cuts {
         let now = heard.iter().filter(|heard| (commit..*until).contains(&begin(heard))).cloned().collect();
-        let batch = stepper.turn(&Turn { commit, until: *until, heard: now }).unwrap();
+        let batch = stepper.turn(Turn { commit, until: *until, heard: now }).unwrap();
         told.retain(|timed| timed.at < batch.from);
         told.extend(batch.outputs);
         commit = *until;
