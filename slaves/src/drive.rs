@@ -75,6 +75,17 @@ mod tests {
     }
 
     #[test]
+    fn the_service_mode_drives_in_per_mille_and_never_more_than_fully() {
+        let drives = [0, 1, 500, -500, 1_000, -1_000, 1_001, i32::MAX, i32::MIN].map(|drive| service(drive, 255.0));
+        assert_eq!(drives, [0, 0, 128, -128, 255, -255, 255, 255, -255]);
+        assert_eq!(
+            (Pwm::new(10).full(), Pwm::new(24).full(), Pwm::new(30).full()),
+            (1_023.0, 16_777_215.0, 16_777_215.0)
+        );
+        assert_eq!(Pwm::new(10).share(256), 256.0 / 1_023.0);
+    }
+
+    #[test]
     fn one_pin_is_set_or_none() {
         let pins = |drive| (Bridge::set(drive).forward, Bridge::set(drive).backward);
         assert_eq!([3, 0, -3].map(pins), [(true, false), (false, false), (false, true)]);

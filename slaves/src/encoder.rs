@@ -83,6 +83,18 @@ mod tests {
     }
 
     #[test]
+    fn so_many_counts_are_a_way() {
+        assert_eq!([0, 1, -25].map(|counts| Encoder::new(50.0).way(counts)), [0.0, 0.02, -0.5]);
+    }
+
+    #[test]
+    fn a_counter_that_has_not_counted_yet_invents_upwards() {
+        let mut counter = Counter::new(Encoder::new(1.0));
+        counter.invent(0.0, 4);
+        assert_eq!((counter.count(0.0), counter.count_at(2.0)), (4, 6));
+    }
+
+    #[test]
     fn a_counter_is_wrong_in_the_sense_in_which_it_counts() {
         let mut counter = Counter::new(Encoder::new(1.0));
         counter.count(100.0);

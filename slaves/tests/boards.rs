@@ -5,9 +5,9 @@
 mod common;
 
 use common::{Bench, depth, s, spindle, transverse};
-use torno_protocol::board::{Board, Output, Stimulus};
+use torno_protocol::board::{Board, Description, Heeds, Output, Stimulus};
 use torno_protocol::clock::Clock;
-use torno_protocol::lathe::{ACK, BEL, CAN, ENQ};
+use torno_protocol::lathe::{ACK, BEL, CAN, CHARACTER, ENQ};
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::Character;
 use torno_slaves::{Depth, DepthController, DepthPlant, DepthSettings, Transverse, TransverseSettings};
@@ -521,4 +521,59 @@ fn telemetry_comes_first_then_events_then_characters() {
         assert!(rank(&pair[0].1) <= rank(&pair[1].1), "{pair:?}");
     }
     assert!(bench.outputs.iter().any(|(_, output)| rank(output) == 20));
+}
+
+#[test]
+fn each_board_says_what_it_is() {
+    let names = |description: &Description| -> Vec<String> {
+        assert!(description.signals.iter().all(|signal| signal.initial == 0));
+        description.signals.iter().map(|signal| signal.name.clone()).collect()
+    };
+    let (spindle, transverse, depth) =
+        (spindle().board.description(), transverse().board.description(), depth().board.description());
+    assert_eq!(names(&spindle), ["speed_counts", "speed_rpm", "set_point_rpm", "drive"]);
+    assert_eq!(names(&transverse), ["position_counts", "set_point_counts", "drive", "carriage_offset_counts"]);
+    assert_eq!(names(&depth), ["position_counts", "remaining_counts", "drive", "carriage_offset_counts"]);
+    assert_eq!(spindle.heeds, [Heeds::Reset, Heeds::Motor]);
+    for description in [&transverse, &depth] {
+        assert_eq!(description.heeds, [Heeds::Reset, Heeds::Motor, Heeds::Axis]);
+    }
+    for description in [spindle, transverse, depth] {
+        assert_eq!((description.ports, description.waits.len()), (vec!["master".to_owned()], 0));
+        let events = [
+            "dropped byte {} out of place",
+            "sub-frame cut short after {} bytes",
+            "sub-frame refused ({c})",
+            "framing error",
+            "overrun",
+            "done",
+            "stalled",
+            "end of travel",
+            "reset",
+        ];
+        assert_eq!(description.events, events);
+    }
+}
+
+#[test]
+fn a_board_wants_to_run_at_the_earliest_of_what_it_waits_for() {
+    let mut bench = transverse();
+    assert_eq!(bench.board.poll_timeout(), None);
+    bench.send(&way(112, 900)[..2]);
+    let gap = bench.board.poll_timeout().unwrap();
+    assert_eq!((gap.at, gap.why), (bench.now + CHARACTER.times(3), "gap in a sub-frame"));
+    bench.send(&way(112, 900)[2..]);
+    let sample = bench.board.poll_timeout().unwrap();
+    assert_eq!((sample.at.as_nanos() % 30_000_000, sample.why), (0, "sample"));
+    // Asked, it has a second character to send, long before the next sample.
+    bench.run_to(sample.at + CHARACTER);
+    bench.send(&[ENQ]);
+    let free = bench.board.poll_timeout();
+    assert_eq!(free.map(|deadline| deadline.why), Some("sample"), "BEL is one character");
+    let mut bench = spindle();
+    bench.send(&[ENQ]);
+    let free = bench.board.poll_timeout().unwrap();
+    assert_eq!(free.why, "transmitter free");
+    assert_eq!(free.at.since(bench.now).as_nanos(), 1_041_667);
+    assert!(!bench.board.mute());
 }

@@ -109,6 +109,66 @@ mod tests {
         assert!((lag.step(Span::from_secs(10), 0.0) - coast).abs() < 1e-12);
     }
 
+    /// From rate 8·(1 − e^−2) = 6.917, over one time constant or two.
+    fn moving() -> Lag {
+        let mut lag = Lag::new(0.5);
+        lag.step(Span::from_secs(1), 8.0);
+        lag
+    }
+
+    fn near(found: f64, expected: f64) {
+        assert!((found - expected).abs() < 1e-9, "{found}, not {expected}");
+    }
+
+    #[test]
+    fn a_step_covers_the_integral_of_the_rate() {
+        let gone = |taus: f64| 1.0 - libm::exp(-taus);
+        let mut lag = Lag::new(0.5);
+        near(lag.step(Span::from_secs(1), 8.0), 8.0 - 8.0 * 0.5 * gone(2.0));
+        let rate = 8.0 * gone(2.0);
+        near(lag.rate(), rate);
+        near(lag.coast(), rate * 0.5);
+        near(lag.step(Span::from_millis(500), -3.0), -1.5 + (rate + 3.0) * 0.5 * gone(1.0));
+        near(lag.rate(), -3.0 + (rate + 3.0) * libm::exp(-1.0));
+        lag.stop();
+        assert_eq!((lag.rate(), lag.coast()), (0.0, 0.0));
+    }
+
+    #[test]
+    fn passing_is_stepping_for_any_time() {
+        for (seconds, toward) in [(0.25, -3.0), (0.5, 3.0), (1.75, 0.0)] {
+            let (mut passes, mut steps) = (moving(), moving());
+            let way = steps.step(Span::from_nanos((seconds * 1e9) as u64), toward);
+            near(passes.pass(seconds, toward), way);
+            near(passes.rate(), steps.rate());
+        }
+    }
+
+    #[test]
+    fn it_comes_to_rest_where_a_step_of_that_time_does() {
+        let (mut rests, mut passes) = (moving(), moving());
+        let standstill_s = rests.standstill_s(-3.0).unwrap();
+        near(standstill_s, 0.5 * libm::log(1.0 + rests.rate() / 3.0));
+        near(rests.come_to_rest(standstill_s, -3.0), passes.pass(standstill_s, -3.0));
+        assert_eq!(rests.rate(), 0.0);
+        near(passes.rate(), 0.0);
+        for toward in [3.0, 0.0, -0.0] {
+            assert_eq!((moving().standstill_s(toward), moving().turning(toward)), (None, None));
+        }
+        let turning = moving().turning(-3.0).unwrap().as_nanos();
+        assert_eq!(turning, (standstill_s * 1e9) as u64);
+    }
+
+    #[test]
+    fn the_last_two_lengths_are_remembered() {
+        let mut lag = Lag::new(0.5);
+        let expected = |ms: u64| libm::exp(-(ms as f64) / 500.0);
+        for ms in [30, 31, 30, 32, 31, 30] {
+            near(lag.factor(Span::from_millis(ms)), expected(ms));
+        }
+        assert_eq!(lag.factors.map(|(length, _)| length), [Span::from_millis(30), Span::from_millis(32)]);
+    }
+
     #[test]
     fn it_turns_when_it_says() {
         let mut lag = Lag::new(0.5);

@@ -69,6 +69,51 @@ mod tests {
     }
 
     #[test]
+    fn each_sample_follows_the_difference_equation() {
+        let mut plant = SampledPlant::new(0.5, 0.25, 1.5, 0.75, 100.0);
+        let (mut y, mut u) = ([0.0, 0.0], 0.0);
+        for input in [4.0, -2.0, 8.0, 0.0, 0.0, 3.0] {
+            let next = 1.5 * y[0] - 0.75 * y[1] + 0.5 * (input + 0.25 * u);
+            (y, u) = ([next, y[0]], input);
+            plant.step(input);
+            assert!((plant.position() - next).abs() < 1e-12, "{} {next}", plant.position());
+        }
+    }
+
+    #[test]
+    fn it_goes_no_further_than_its_ends() {
+        for sign in [1.0, -1.0] {
+            let mut plant = SampledPlant::new(1.0, 0.0, 1.0, 0.0, 5.0);
+            let mut ends = [3.0, 1.5, 1.0].map(|input| {
+                plant.step(sign * input);
+                (plant.position(), plant.end_stop())
+            });
+            ends[1].0 *= sign;
+            assert_eq!(ends, [(3.0 * sign, 0), (4.5, 0), (5.0 * sign, sign as i64)]);
+        }
+    }
+
+    #[test]
+    fn it_rests_only_without_input_and_without_motion() {
+        // An integrator of this input and of the one before. Smaller than a millionth, it comes to rest at 0.
+        let plant = || SampledPlant::new(1.0, 1.0, 1.0, 0.0, 5.0);
+        let mut moves = plant();
+        assert!(moves.is_at_rest());
+        moves.step(2e-6);
+        assert!(!moves.is_at_rest(), "there was an input");
+        moves.step(0.0);
+        assert!(!moves.is_at_rest(), "the output before was another");
+        moves.step(0.0);
+        assert!(moves.is_at_rest() && moves.position() == 4e-6);
+        let mut settles = plant();
+        let places = [0.4e-6, 0.0, 0.0].map(|input| {
+            settles.step(input);
+            settles.position()
+        });
+        assert_eq!(places, [0.4e-6, 0.8e-6, 0.0]);
+    }
+
+    #[test]
     fn left_alone_it_comes_to_rest() {
         let mut plant = SampledPlant::new(0.001_869_5, 0.9853, 1.953, 0.9565, 1e4);
         (0..100).for_each(|_| plant.step(100.0));

@@ -26,12 +26,17 @@ pub(crate) struct Bench<B> {
 impl<B: Board> Bench<B> {
     /// A board that the master has asked after its start: before that it takes no sub-frame.
     pub(crate) fn new(board: B) -> Self {
-        let line = Receiver::hardware(RATE, Clock::TRUE);
-        let mut bench = Self { board, now: Instant::START, hung: false, outputs: Vec::new(), line, sent: Vec::new() };
+        let mut bench = Self::as_switched_on(board);
         bench.ask();
         assert_eq!(bench.replies(), [CAN, b'r']);
         bench.outputs.clear();
         bench
+    }
+
+    /// A board that nothing has reached.
+    pub(crate) fn as_switched_on(board: B) -> Self {
+        let line = Receiver::hardware(RATE, Clock::TRUE);
+        Self { board, now: Instant::START, hung: false, outputs: Vec::new(), line, sent: Vec::new() }
     }
 
     /// The master asks, and gets its answer.
