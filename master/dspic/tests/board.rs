@@ -6,7 +6,7 @@ mod common;
 
 use common::{Bench, DEPTH, FRAME, SPINDLE, TRANSVERSE};
 use torno_dspic::DspicSettings;
-use torno_protocol::board::{Board, Heeds, Stimulus};
+use torno_protocol::board::{Board, Heeds, Output, Stimulus, event_text};
 use torno_protocol::clock::Clock;
 use torno_protocol::lathe::CHARACTER;
 
@@ -172,4 +172,78 @@ fn it_says_what_it_is() {
     let motors: Vec<_> = description.motors.iter().map(|motor| (motor.name.as_str(), &motor.heeds[..])).collect();
     let axis = &[Heeds::Motor, Heeds::Axis][..];
     assert_eq!(motors, [("spindle", &[Heeds::Motor][..]), ("transverse", axis), ("depth", axis)]);
+}
+
+#[test]
+fn it_tells_who_is_busy_bit_by_bit() {
+    let mut bench = Bench::new();
+    bench.send(&DEEP);
+    assert!(bench.run_until_mute(60));
+    let busy: Vec<i64> = bench.history("slaves_busy").iter().map(|(_, busy)| *busy).collect();
+    // The feed axis is done first, then the main motor, then the infeed axis.
+    assert_eq!(busy, [7, 5, 4, 0]);
+}
+
+#[test]
+fn events_tell_of_a_frame_from_its_coming_to_its_end() {
+    let mut bench = Bench::new();
+    let texts = bench.cell.board().description().events;
+    bench.stimulus(Stimulus::Stall(true).of(DEPTH));
+    bench.send(&[DEEP, FRAME].concat());
+    bench.run_until_mute(60);
+    let event = |(_, output): &(_, Output)| match output {
+        Output::Event { event, value } => Some(event_text(&texts[usize::from(*event)], *value)),
+        _ => None,
+    };
+    let told: Vec<String> = bench.outputs.iter().filter_map(event).collect();
+    let expected =
+        ["frame 1 distributed", "frame held: slaves are busy", "slave 'd' reports: stalled", "all slaves done"];
+    assert_eq!(told, expected);
+}
+
+#[test]
+fn after_a_reset_it_is_silent_for_two_milliseconds() {
+    let mut bench = Bench::new();
+    bench.stimulus(Stimulus::Reset);
+    let at = bench.now;
+    assert!(!bench.cell.board().mute());
+    bench.run_ms(10);
+    // The third vote of the stop bit of its first character.
+    let said = bench.answered_at().unwrap().since(at).as_nanos();
+    assert!((2_990_000..3_000_000).contains(&said), "{said}");
+    assert_eq!(bench.replies(), "CAN m r XON");
+}
+
+#[test]
+fn it_is_mute_only_if_it_waits_for_nothing() {
+    let mut bench = Bench::new();
+    assert!(bench.cell.board().mute());
+    bench.send(&FRAME[..1]);
+    let silence = bench.cell.board().silence();
+    assert!(silence.is_some() && !bench.cell.board().mute(), "it will refuse what is cut short");
+    assert_eq!(bench.cell.board().poll_timeout().map(|deadline| deadline.at), silence);
+    bench.run_ms(100);
+    assert!(bench.cell.board().mute());
+    bench.send(&FRAME);
+    assert!(bench.cell.board().silence().is_none() && !bench.cell.board().mute(), "it executes a frame");
+}
+
+#[test]
+fn another_clock_changes_its_line_and_its_samples() {
+    let mut bench = Bench::new();
+    bench.stimulus(Stimulus::Clock(Clock::from_ppb(20_000_000).unwrap()));
+    bench.send(&DEEP);
+    bench.run_ms(1_000);
+    let samples: Vec<u64> = bench.history("transverse_position_counts")[2..]
+        .windows(2)
+        .map(|two| two[1].0.since(two[0].0).as_nanos())
+        .collect();
+    let period = 29_411_765;
+    assert!(samples.len() > 5, "{samples:?}");
+    assert!(samples.iter().all(|ns| (ns + period / 2) / period >= 1 && (ns + 5) % period < 20), "{samples:?}");
+    let character = |(_, output): &(_, Output)| match output {
+        Output::Character { edges, end, .. } => Some(end.since(edges[0].at).as_nanos()),
+        _ => None,
+    };
+    assert_eq!(bench.outputs.iter().find_map(character), Some(1_021_242));
 }
