@@ -182,7 +182,7 @@ impl Play {
         mut progress: impl FnMut(Progress<'_>),
         interrupted: impl Future<Output = ()>,
     ) -> Result<Played, SessionError> {
-        let uart = self.file.uart().with_program(Careful::default());
+        let uart = self.file.pc.uart().with_program(Careful::default());
         let mut session = Session::start(&self.file, &self.driver, uart).await?;
         if self.pace == Pace::Max {
             session.rig().share_one_processor();
@@ -302,7 +302,7 @@ impl Player {
                 path.add(fact);
             }
         }
-        happened.pc.iter().for_each(|(at, exchange)| self.listen(*at, exchange));
+        happened.pc().for_each(|(at, exchange)| self.listen(at, exchange));
         self.incidents.extend(happened.incidents);
         self.facts = happened.facts;
         self.now = self.now.max(happened.settled);

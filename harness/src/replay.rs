@@ -70,10 +70,10 @@ pub async fn replay(trace: &Trace, driver: &Driver) -> Result<Replayed, ReplayEr
     if header.layout != trace.header.layout {
         return Err(ReplayError::Other { torno: torno.clone() });
     }
-    let uart = file.uart();
+    let uart = file.pc.uart();
     let session = match program {
         // A PC that the machine does not hold is outside the rig, whatever it plays.
-        Some(_) if file.dialect.holds_the_pc() => {
+        Some(_) if file.pc.dialect.holds_the_pc() => {
             Session::start(&file, driver, uart.with_program(Careful::default())).await?
         }
         _ => Session::start(&file, driver, uart).await?,
@@ -264,7 +264,7 @@ mod tests {
     async fn disturbed(deeds: &[Deed]) -> (Trace, String) {
         let file = RigFile::load("lathe").unwrap();
         let header = file.header("lathe", 0, None);
-        let mut session = Session::start(&file, &Driver::InProcess, file.uart()).await.unwrap().quiet();
+        let mut session = Session::start(&file, &Driver::InProcess, file.pc.uart()).await.unwrap().quiet();
         session.keep(header);
         let pc = session.rig().pc();
         let frame = vec![0x0a, 0xe1, 0, 0xe1, 0, 0, 1, 0];

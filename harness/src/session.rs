@@ -22,6 +22,8 @@ use crate::recorder::{RECORDED, Recorder, RecordingError};
 use crate::rig::file::RigFile;
 use crate::rig::{Driver, Incident, Rig, RigError};
 
+/// The place of the PC's gateway in the rig file.
+pub const PC: usize = 0;
 /// So many of the PC's replies are remembered for the faults that wait for one.
 const REPLIES: usize = 16;
 
@@ -44,7 +46,8 @@ pub struct Session {
     rig: Rig,
     digest: Digest,
     telemetry: Telemetry,
-    replies: Replies,
+    /// What was said at each gateway.
+    replies: Vec<Replies>,
     faults: Faults,
     recorder: Option<Recorder>,
     trace: Option<Trace>,
@@ -65,15 +68,15 @@ pub struct Happened {
     pub hits: Vec<Hit>,
     /// The faults that have begun, and when.
     pub begun: Vec<(String, Instant)>,
-    /// What the PC has sent and received.
-    pub pc: Vec<(Instant, Exchange)>,
+    /// What the gateways have sent and received: when, the gateway's place in the rig file, and what.
+    pub outside: Vec<(Instant, usize, Exchange)>,
     /// Everything before this has been settled.
     pub settled: Instant,
     /// There may be more before the limit.
     pub more: bool,
 }
 
-/// Something that the PC has sent or received.
+/// Something that a gateway's UART has sent or received.
 #[derive(Clone, Debug)]
 pub enum Exchange {
     /// A byte has gone onto the line; what is complete with it, for people.
@@ -109,6 +112,13 @@ pub struct EndedBoard {
     pub waits_for: Vec<String>,
 }
 
+impl Happened {
+    /// What the PC's gateway has sent and received.
+    pub fn pc(&self) -> impl Iterator<Item = (Instant, &Exchange)> {
+        self.outside.iter().filter(|(_, gateway, _)| *gateway == PC).map(|(at, _, exchange)| (*at, exchange))
+    }
+}
+
 impl Session {
     /// Starts the rig of `file`, with `uart` for the PC.
     ///
@@ -122,7 +132,7 @@ impl Session {
         Ok(Self {
             digest: Digest::new(rig.layout()),
             telemetry: Telemetry::new(&rig),
-            replies: Replies::new(file.dialect),
+            replies: file.gateways().map(|gateway| Replies::new(gateway.dialect)).collect(),
             faults: Faults::default(),
             recorder: None,
             trace: None,
@@ -207,9 +217,9 @@ impl Session {
         &self.telemetry
     }
 
-    /// What the PC has heard lately, and before.
-    pub const fn replies(&self) -> &Replies {
-        &self.replies
+    /// What the PC has heard lately.
+    pub fn replies(&self) -> &Replies {
+        &self.replies[PC]
     }
 
     /// The faults, and the rig that they break.
@@ -455,19 +465,20 @@ impl Session {
             self.digest.add(fact);
             self.telemetry.add(fact);
             if let Fact::Event { node, at, event, value } = fact
-                && *node == self.rig.pc()
+                && let Some(gateway) = node.checked_sub(self.rig.pc())
+                && let Some(replies) = self.replies.get_mut(gateway)
                 && let Some(event) = PcEvent::from_numbers(*event, *value)
             {
-                happened.pc.push((*at, hear(&mut self.replies, *at, event)));
+                happened.outside.push((*at, gateway, hear(replies, *at, event)));
             }
         }
         for hit in self.rig.take_hits() {
-            let begun = self.faults.see(&mut self.rig, hit, &self.replies);
+            let begun = self.faults.see(&mut self.rig, hit, &self.replies[PC]);
             happened.begun.extend(begun);
             happened.hits.push(hit);
         }
         self.log_begun(&happened.begun);
-        self.replies.keep_last(REPLIES);
+        self.replies.iter_mut().for_each(|replies| replies.keep_last(REPLIES));
         Ok(happened)
     }
 
@@ -478,7 +489,7 @@ impl Session {
     }
 }
 
-/// What the PC's UART has told.
+/// What a gateway's UART has told.
 fn hear(replies: &mut Replies, at: Instant, event: PcEvent) -> Exchange {
     match event {
         PcEvent::Sent(byte) => Exchange::Sent(byte, replies.send(at, byte)),
@@ -499,5 +510,54 @@ pub fn in_process<T, E: From<RigError>>(session: impl Future<Output = Result<T, 
     match pin!(session).poll(&mut Context::from_waker(Waker::noop())) {
         Poll::Ready(result) => result,
         Poll::Pending => Err(RigError::Waits.into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The lathe without its depth board: a gateway sits at the master's software UART in its place.
+    fn rig() -> RigFile {
+        let lathe = include_str!("../builtin/lathe.toml").split("[part]").next().unwrap();
+        let (board, link) = ("[[board]]\nname = \"depth\"\nkind = \"depth\"", "\"master.depth\", \"depth.master\"");
+        assert!(lathe.contains(board) && lathe.contains(link));
+        let lathe = lathe.replace(board, "");
+        let links: Vec<&str> = lathe.split("[[link]]").filter(|text| !text.contains(link)).collect();
+        let gateway = "[[gateway]]\nname = \"probe\"\nport = \"master.depth\"\n";
+        RigFile::parse("my.toml", &(links.join("[[link]]") + gateway)).unwrap()
+    }
+
+    #[test]
+    fn each_gateway_has_its_own_line_and_its_own_talk() {
+        let file = rig();
+        assert_eq!(file.layout.gateways().collect::<Vec<_>>(), [3, 4]);
+        let session = async {
+            let mut session = Session::start(&file, &Driver::InProcess, file.pc.uart()).await?.quiet();
+            let [pc, probe] = [0, 1].map(|gateway| session.rig().pc() + gateway);
+            let at = Instant::START + Span::from_millis(10);
+            session.stimulate(pc, at, Stimulus::Write(vec![0, 0, 0, 0, 0, 0, 5, 1]));
+            // As the depth board says that it is done.
+            session.stimulate(probe, at + Span::from_millis(50), Stimulus::Write(b"\x06o".to_vec()));
+            let mut received = [Vec::new(), Vec::new()];
+            let end = Instant::START + Span::from_millis(200);
+            let see = |happened: Happened| {
+                for (_, gateway, exchange) in happened.outside {
+                    if let Exchange::Received(byte, _) = exchange {
+                        received[gateway].push(byte);
+                    }
+                }
+            };
+            session.finish(end, "ended", see).await?;
+            Ok::<_, SessionError>(received)
+        };
+        let received = in_process(session).unwrap();
+        assert_eq!(received, [vec![0x06, 0x11], vec![0, 5, 1]]);
+    }
+
+    #[test]
+    fn a_session_in_this_process_that_waits_says_so() {
+        let waits = in_process(async { Ok::<(), RigError>(std::future::pending().await) });
+        assert!(matches!(waits, Err(RigError::Waits)));
     }
 }

@@ -41,7 +41,7 @@ pub(crate) fn all_at_work(masters: usize) -> Cost {
             steppers.push(kinds::build(&board.kind, &board.settings, board.clock).unwrap());
             boards.push(engine.add_node(board.description.ports.len()));
         }
-        let uart = file.uart().with_program(Careful::default());
+        let uart = file.pc.uart().with_program(Careful::default());
         steppers.push(Box::new(Stepper::new(uart)));
         let pc = engine.add_node(1);
         pcs.push(pc);

@@ -153,7 +153,7 @@ fn load_rig(rig: &str, set: &[String]) -> anyhow::Result<RigFile> {
 
 /// Refuses a rig whose PC sends no frames of the lathe.
 fn plays_frames(file: &RigFile) -> anyhow::Result<()> {
-    let (wanted, name, dialect) = (Program::DIALECT, &file.name, &file.dialect);
+    let (wanted, name, dialect) = (Program::DIALECT, &file.name, &file.pc.dialect);
     anyhow::ensure!(
         dialect.name() == wanted,
         "a program of frames is for rigs that speak {wanted}, and the rig '{name}' speaks {}: use '{}'",

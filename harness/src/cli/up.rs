@@ -51,7 +51,7 @@ pub(super) struct Arguments {
 struct Ready<'a> {
     rig: &'a str,
     pace: serde_json::Value,
-    ports: BTreeMap<&'static str, Port>,
+    ports: BTreeMap<&'a str, Port>,
     control: &'a Path,
     pid: u32,
     boards: BTreeMap<&'a str, Board>,
@@ -78,7 +78,7 @@ impl Arguments {
         let mut interrupt = Interrupt::listen()?;
         let link = match self.link {
             Some(path) => LinkPath::Chosen(path),
-            None => LinkPath::Default { rig: file.name.clone() },
+            None => LinkPath::Default { rig: file.name.clone(), gateway: file.pc.name.clone() },
         };
         let names = file.names();
         let FaultFile { seed, drawn, faults } =
@@ -88,11 +88,16 @@ impl Arguments {
         }
         let port = PcPort::open(link, file.pc.baud)?;
         let socket = self.control.unwrap_or_else(|| socket_beside(port.link()));
+        let mut ports = vec![port];
+        for gateway in &file.more {
+            let (rig, name) = (file.name.clone(), gateway.name.clone());
+            ports.push(PcPort::open(LinkPath::Default { rig, gateway: name }, gateway.baud)?);
+        }
         let control = Control::open(&socket)?;
         let socket = control.path().to_owned();
         let header = file.header(rig, 0, None);
         let recorder = self.record.as_deref().map(|path| start_recording(path, &header)).transpose()?;
-        let mut live = Live::start(&file, &driver(self.in_process)?, self.pace, port).await?;
+        let mut live = Live::start(&file, &driver(self.in_process)?, self.pace, ports).await?;
         if let Some(recorder) = recorder {
             live.record(recorder);
         }
@@ -115,11 +120,12 @@ impl Arguments {
 }
 
 fn announcement(file: &RigFile, live: &Live, control: &Path, pace: Pace, json: bool) -> anyhow::Result<String> {
-    let boards = live.rig().nodes().iter().filter(|node| node.name != "pc");
-    let boards = boards.map(|node| (node.name.as_str(), node.pid.unwrap_or_else(std::process::id)));
-    let (link, baud) = (live.port().link(), file.pc.baud);
+    let known = live.rig().nodes().iter().zip(&file.layout.boards).filter(|(_, board)| !board.is_gateway());
+    let boards =
+        known.map(|(node, _)| node).map(|node| (node.name.as_str(), node.pid.unwrap_or_else(std::process::id)));
+    let gateways = || file.gateways().zip(live.ports());
     if json {
-        let port = Port { path: link.to_owned(), device: live.port().path().to_owned(), baud };
+        let port = |port: &PcPort, baud| Port { path: port.link().to_owned(), device: port.path().to_owned(), baud };
         let ready = Ready {
             rig: &file.name,
             pace: match pace {
@@ -127,7 +133,7 @@ fn announcement(file: &RigFile, live: &Live, control: &Path, pace: Pace, json: b
                 Pace::Times(_) => serde_json::from_str(&pace.to_string())?,
                 Pace::Max => "max".into(),
             },
-            ports: BTreeMap::from([("pc", port)]),
+            ports: gateways().map(|(gateway, at)| (gateway.name.as_str(), port(at, gateway.baud))).collect(),
             control,
             pid: std::process::id(),
             boards: boards.map(|(name, pid)| (name, Board { pid })).collect(),
@@ -135,14 +141,22 @@ fn announcement(file: &RigFile, live: &Live, control: &Path, pace: Pace, json: b
         return Ok(serde_json::to_string(&ready)? + "\n");
     }
     let boards: Vec<String> = boards.map(|(name, pid)| format!("{name} {pid}")).collect();
-    let link = link.display();
+    let mut ports = String::new();
+    for (n, (gateway, port)) in gateways().enumerate() {
+        let (baud, link) = (gateway.baud, port.link().display());
+        let what = if n == 0 { "PC".to_owned() } else { gateway.name.clone() };
+        let what = format!("{what} port");
+        ports += &format!("{what:<9} {link}  ({baud} baud, 8N1)\n");
+        ports += &format!("attach    picocom -b {baud} {link}\n");
+        if n == 0 {
+            ports += &format!("or        torno send PROGRAM --port {link}\n");
+        }
+    }
     let usual = control == torno::port::default_folder().join(format!("{DEFAULT}-control"));
     let ctl = if usual { "torno ctl".to_owned() } else { format!("torno ctl --socket {}", control.display()) };
     Ok(format!(
         "{} is up at pace {pace}: {}\n\
-         PC port   {link}  ({baud} baud, 8N1)\n\
-         attach    picocom -b {baud} {link}\n\
-         or        torno send PROGRAM --port {link}\n\
+         {ports}\
          look      {ctl} state\n\
          Ctrl-C ends it.\n",
         file.name,

@@ -230,7 +230,7 @@ impl Subject {
         let program = Program::new(self, plan)?;
         let what = program.what.clone();
         let counts = if let Kind::Loop { counts, .. } = program.kind { counts } else { LOOP_STEP };
-        let session = Session::start(file, &Driver::InProcess, file.uart()).await?.quiet();
+        let session = Session::start(file, &Driver::InProcess, file.pc.uart()).await?.quiet();
         let raw = self.drive(session, program, plan.seconds).await?;
         let data = match self.data(&raw) {
             Ok(data) => data,

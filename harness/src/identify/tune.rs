@@ -379,7 +379,7 @@ fn watched(model: &FirstOrder) -> u64 {
 
 /// Lets the PC send a frame, and watches the motor.
 async fn watch(file: &RigFile, subject: &Subject, seconds: u64) -> Result<Seen, SessionError> {
-    let mut session = Session::start(file, &Driver::InProcess, file.uart()).await?.quiet();
+    let mut session = Session::start(file, &Driver::InProcess, file.pc.uart()).await?.quiet();
     let frame =
         if subject.is_axis() { [&[0], &MOVE[..], &[0, 0, 0]].concat() } else { [&[SPEED][..], &[0; 7]].concat() };
     let node = session.rig().pc();

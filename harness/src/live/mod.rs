@@ -1,31 +1,26 @@
 //! Keeps a rig up, with a PC port that anybody's software may open.
 
+mod gateway;
 mod steering;
 
+use std::future::{Future, poll_fn};
+use std::io;
+use std::task::Poll;
 use std::time::Duration;
 
-use torno_protocol::board::Stimulus;
 use torno_protocol::time::{Instant, Span};
-use torno_protocol::uart::BITS_PER_CHARACTER;
 
 use crate::observe::log;
 use crate::pace::{Brake, Lapse, Pace};
-use crate::port::{LineSettings, PcPort, PortEvent};
+use crate::port::{PcPort, PortEvent};
 use crate::recorder::{RECORDED, Recorder, RecordingError};
 use crate::rig::file::RigFile;
 use crate::rig::{Driver, Rig};
-use crate::session::{Exchange, Happened, Session, SessionError};
+use crate::session::{Happened, Session, SessionError};
+use gateway::Gateway;
 use steering::{Steering, next_call};
-use torno_bus::STOPPED;
-use torno_engine::{Fact, Input, Limit, What};
+use torno_engine::Limit;
 
-/// So many of the client's bytes wait in the driver at the most. Its settings are read with each helping, so a new
-/// speed holds at most this many characters late.
-const DRIVER_QUEUE: usize = 16;
-/// The driver takes a new helping when no more than this is left.
-const DRIVER_LOW: usize = 4;
-/// Nor more often than this: above some 40 000 baud a late computer leaves gaps.
-const SLICE_MIN: Span = Span::from_millis(1);
 /// Boards that nothing reaches are brought up to date this often, so that none has long to catch up when something
 /// does.
 const KEEP_UP: Span = Span::from_secs(10);
@@ -39,43 +34,30 @@ const STRIDE: Span = Span::from_secs(1);
 /// A rig with an open PC port.
 pub struct Live {
     session: Session,
-    port: PcPort,
+    gateways: Vec<Gateway>,
     brake: Brake,
-    settings: LineSettings,
-    /// Bytes that the client has written and that are not yet on the line.
-    queued: usize,
-    /// Whether the client that has the port open has written.
-    began: bool,
-    /// The UART has been stopped by `XOFF`.
-    held: bool,
     /// How far time has gone.
     reached: Instant,
     /// Every board was brought to here last.
     kept_up: Instant,
-    /// When the PC's supply has gone or come, as far as that still lies ahead: what was to be sent by then is lost.
-    supply: Vec<Instant>,
     steering: Option<Steering>,
 }
 
 impl Live {
-    /// Starts the rig behind `port`.
+    /// Starts the rig behind these ports, one for each gateway.
     ///
     /// # Errors
     /// [`SessionError`] if a board cannot be started.
-    pub async fn start(file: &RigFile, driver: &Driver, pace: Pace, port: PcPort) -> Result<Self, SessionError> {
-        let session = Session::start(file, driver, file.uart()).await?;
-        let settings = LineSettings { baud: file.pc.baud, ixon: false };
+    pub async fn start(file: &RigFile, driver: &Driver, pace: Pace, ports: Vec<PcPort>) -> Result<Self, SessionError> {
+        let session = Session::start(file, driver, file.pc.uart()).await?;
+        let first = session.rig().pc();
+        let places = file.gateways().zip(ports).enumerate();
         Ok(Self {
+            gateways: places.map(|(n, (gateway, port))| Gateway::new(n, first + n, gateway, port)).collect(),
             session,
-            port,
             brake: Brake::new(pace)?,
-            settings,
-            queued: 0,
-            began: false,
-            held: false,
             reached: Instant::START,
             kept_up: Instant::START,
-            supply: Vec::new(),
             steering: None,
         })
     }
@@ -106,9 +88,9 @@ impl Live {
         self.session.rig()
     }
 
-    /// The PC port.
-    pub const fn port(&self) -> &PcPort {
-        &self.port
+    /// The ports, in the order of the rig's gateways.
+    pub fn ports(&self) -> impl Iterator<Item = &PcPort> {
+        self.gateways.iter().map(|gateway| &gateway.port)
     }
 
     /// Runs until something breaks.
@@ -128,8 +110,9 @@ impl Live {
                 true => Instant::NEVER,
                 false => frontier,
             };
-            self.session.go_on(self.now());
-            self.lose_supply();
+            let now = self.now();
+            self.session.go_on(now);
+            self.gateways.iter_mut().for_each(|gateway| gateway.lose_supply(now));
             self.keep_up().await?;
             if arrived {
                 self.arrive();
@@ -154,7 +137,7 @@ impl Live {
         loop {
             let happened = self.session.step(limit).await?;
             let more = happened.more;
-            self.deliver(happened)?;
+            self.deliver(&happened)?;
             if !more {
                 return Ok(true);
             }
@@ -170,13 +153,12 @@ impl Live {
     async fn settle(&mut self, until: Instant) -> Result<(), SessionError> {
         let mut all = Vec::new();
         self.session.settle(until, |happened| all.push(happened)).await?;
-        all.into_iter().try_for_each(|happened| self.deliver(happened))
+        all.iter().try_for_each(|happened| self.deliver(happened))
     }
 
     /// Waits for something to do.
     async fn wait(&mut self) -> Result<(), SessionError> {
         let next = self.next_instant();
-        let room = self.room();
         self.write_recording(self.brake.wall_until(next))?;
         tokio::select! {
             biased;
@@ -185,9 +167,9 @@ impl Live {
                 passed?;
                 self.check_pace(next);
             }
-            event = self.port.event(room) => {
+            (place, event) = next_event(&mut self.gateways) => {
                 let now = self.brake.now().unwrap_or(self.now());
-                self.take(event?, now)?;
+                self.gateways[place].take(event?, now, &mut self.session)?;
             }
             call = next_call(&mut self.steering) => self.obey(call).await?,
         }
@@ -205,27 +187,23 @@ impl Live {
     fn slice(&self, allowed: Limit) -> Limit {
         let engine = self.session.rig().engine();
         let allowed = if engine.is_quiet() { allowed } else { allowed.earlier(Some(engine.frontier() + STRIDE)) };
-        if self.queued == 0 || self.brake.pace() == Pace::Max {
-            return allowed;
-        }
-        let low = BITS_PER_CHARACTER * DRIVER_LOW as u64 * 1_000_000_000 / u64::from(self.settings.baud.max(1));
-        let low = Span::from_nanos(low).max(SLICE_MIN);
+        let low = self.gateways.iter().filter_map(Gateway::low).min();
+        let Some(low) = low.filter(|_| self.brake.pace() != Pace::Max) else { return allowed };
         let next = engine.next_instant().max(self.reached);
         Limit::until(allowed.until.min(next + low))
     }
 
-    /// How many of the client's bytes the driver takes; the others stay in the kernel.
-    const fn room(&self) -> usize {
-        if self.queued > DRIVER_LOW { 0 } else { DRIVER_QUEUE - self.queued }
-    }
-
-    /// Takes what has come from the client meanwhile. It follows on what came before, if that is not all sent yet.
+    /// Takes what has come from clients meanwhile. It follows on what came before, if that is not all sent yet.
     fn take_waiting(&mut self) -> Result<bool, SessionError> {
+        let now = self.now();
+        let wall = self.brake.now().unwrap_or(now);
         let mut took = false;
-        while let Some(event) = self.port.try_event(self.room())? {
-            let at = if self.queued > 0 { self.now() } else { self.brake.now().unwrap_or(self.now()) };
-            self.take(event, at)?;
-            took = true;
+        for gateway in &mut self.gateways {
+            while let Some(event) = gateway.port.try_event(gateway.room())? {
+                let at = if gateway.is_sending() { now } else { wall };
+                gateway.take(event, at, &mut self.session)?;
+                took = true;
+            }
         }
         Ok(took)
     }
@@ -283,114 +261,32 @@ impl Live {
         }
     }
 
-    /// Forgets what waited for the PC's UART when its supply went or came.
-    fn lose_supply(&mut self) {
+    /// Tells those who watch what has happened, and hands clients what has come for them.
+    fn deliver(&mut self, happened: &Happened) -> Result<(), SessionError> {
         let now = self.now();
-        let before = self.supply.len();
-        self.supply.retain(|at| *at >= now);
-        if self.supply.len() < before {
-            self.queued = 0;
-        }
-    }
-
-    /// Tells those who watch what has happened, and hands the client what has come for it.
-    fn deliver(&mut self, happened: Happened) -> Result<(), SessionError> {
-        let pc = self.rig().pc();
-        for Input { at, what, .. } in &happened.inputs {
-            if matches!(what, What::Stimulus { board, stimulus: Stimulus::Power(_) } if *board == pc) {
-                self.supply.push(*at);
-            }
-        }
         if let Some(steering) = &mut self.steering {
             steering.note(&happened.inputs, &happened.facts);
         }
-        for fact in &happened.facts {
-            if let Fact::Telemetry { node, signal: STOPPED, value, .. } = fact
-                && *node == pc
-            {
-                self.held = *value != 0;
-            }
-        }
-        let mut received = Vec::new();
-        for (_, exchange) in &happened.pc {
-            match exchange {
-                Exchange::Sent(..) => self.queued = self.queued.saturating_sub(1),
-                Exchange::Received(byte, _) | Exchange::Garbled(byte) => received.push(*byte),
-            }
-        }
-        if received.is_empty() {
-            return Ok(());
-        }
-        // A client that has only changed its speed since it last wrote is to be heard at the new one.
-        self.configure(self.now())?;
-        let lost = self.port.write(&received);
-        if lost > 0 {
-            tracing::warn!("the program at the PC port does not read: {lost} bytes are lost");
-        }
-        Ok(())
+        let session = &mut self.session;
+        self.gateways.iter_mut().try_for_each(|gateway| gateway.deliver(happened, now, session))
     }
 
     /// How far time has gone; what comes from the client follows on that.
     fn now(&self) -> Instant {
         if self.reached.is_never() { self.session.rig().engine().frontier() } else { self.reached }
     }
+}
 
-    fn take(&mut self, event: PortEvent, at: Instant) -> Result<(), SessionError> {
-        log::set_time(at);
-        self.began &= !matches!(event, PortEvent::Opened | PortEvent::Closed);
-        self.configure(at)?;
-        match event {
-            PortEvent::Data(bytes) => {
-                self.queued += bytes.len();
-                self.stimulate(at, Stimulus::Write(bytes));
+/// Waits for something from a client. Says at which gateway. Cancel-safe.
+async fn next_event(gateways: &mut [Gateway]) -> (usize, io::Result<PortEvent>) {
+    let mut events: Vec<_> = gateways.iter_mut().map(|gateway| Box::pin(gateway.event())).collect();
+    poll_fn(|context| {
+        for (place, event) in events.iter_mut().enumerate() {
+            if let Poll::Ready(event) = event.as_mut().poll(context) {
+                return Poll::Ready((place, event));
             }
-            PortEvent::Flushed => {
-                self.queued = 0;
-                self.stimulate(at, Stimulus::Discard);
-            }
-            PortEvent::Opened => tracing::info!("the PC port has been opened"),
-            PortEvent::Began => self.begin(at)?,
-            PortEvent::FlowControl => {}
-            PortEvent::Closed => tracing::info!("the PC port has been closed"),
         }
-        Ok(())
-    }
-
-    /// A client writes for the first time. If the one before has left the UART held, neither its hold nor what it could
-    /// not send is this one's.
-    fn begin(&mut self, at: Instant) -> Result<(), SessionError> {
-        self.began = true;
-        if core::mem::take(&mut self.held) {
-            let left = self.port.forget_leftover() + self.queued;
-            if left > 0 {
-                tracing::warn!("{left} bytes that the program before could not send are dropped");
-            }
-            self.queued = 0;
-            self.stimulate(at, Stimulus::Discard);
-            let LineSettings { baud, .. } = self.settings;
-            self.settings.ixon = false;
-            self.stimulate(at, Stimulus::Configure { baud, ixon: false });
-        }
-        self.configure(at)
-    }
-
-    /// Sets the UART to what the client has set. What the one before has left is still sent as that one wanted.
-    fn configure(&mut self, at: Instant) -> Result<(), SessionError> {
-        if self.port.leftover() > 0 || (!self.began && self.queued > 0) {
-            return Ok(());
-        }
-        let settings = self.port.settings()?;
-        if settings != self.settings {
-            self.settings = settings;
-            let LineSettings { baud, ixon } = settings;
-            tracing::info!("the program at the PC port sets {baud} baud, XON/XOFF {}", if ixon { "on" } else { "off" });
-            self.stimulate(at, Stimulus::Configure { baud, ixon });
-        }
-        Ok(())
-    }
-
-    fn stimulate(&mut self, at: Instant, stimulus: Stimulus) {
-        let pc = self.rig().pc();
-        self.session.stimulate(pc, at, stimulus);
-    }
+        Poll::Pending
+    })
+    .await
 }

@@ -130,7 +130,7 @@ impl Live {
             Request::Fault { fault } => {
                 // It may wait for what holds already.
                 let happened = self.session.catch_up(now).await?;
-                self.deliver(happened)?;
+                self.deliver(&happened)?;
                 give(answer, self.break_it(&fault, now));
             }
             Request::Heal { name } => give(answer, self.heal(&name, now)),

@@ -65,7 +65,7 @@ pub fn log(rig: &Rig, fact: &Fact) {
     let board = &rig.nodes()[*node];
     let Some(text) = board.description.events.get(usize::from(*event)) else { return };
     set_time(*at);
-    if *node == rig.pc() {
+    if rig.layout().boards[*node].is_gateway() {
         tracing::trace!("{}: {}", board.name, event_text(text, *value));
     } else {
         tracing::info!("{}: {}", board.name, event_text(text, *value));

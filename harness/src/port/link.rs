@@ -15,11 +15,13 @@ use super::PortError;
 pub enum LinkPath {
     /// At this path, where nothing may be yet, in a folder that exists.
     Chosen(PathBuf),
-    /// At the rig's usual place, `$XDG_RUNTIME_DIR/torno/<rig>-pc`, or `/tmp/torno-<uid>/<rig>-pc` if that variable is
+    /// At the rig's usual place, `$XDG_RUNTIME_DIR/torno/<rig>-<gateway>`, or `/tmp/torno-<uid>/<rig>-<gateway>` if that variable is
     /// not set. The folder is made if need be. What a killed harness has left there is replaced.
     Default {
         /// The rig's name, which has no '/' in it.
         rig: String,
+        /// The gateway's name.
+        gateway: String,
     },
 }
 
@@ -36,7 +38,7 @@ impl Link {
     pub(super) fn make(place: LinkPath, target: &Path) -> Result<Link, PortError> {
         match place {
             LinkPath::Chosen(path) => Link::at(&path, target),
-            LinkPath::Default { rig } => Link::of_rig(&default_folder(), &rig, target),
+            LinkPath::Default { rig, gateway } => Link::of_rig(&default_folder(), &rig, &gateway, target),
         }
     }
 
@@ -55,11 +57,11 @@ impl Link {
     }
 
     /// The default link of `rig` in `folder`. Whoever holds the lock beside it may replace it.
-    pub(super) fn of_rig(folder: &Path, rig: &str, target: &Path) -> Result<Link, PortError> {
+    pub(super) fn of_rig(folder: &Path, rig: &str, gateway: &str, target: &Path) -> Result<Link, PortError> {
         if rig.is_empty() || rig.contains(['/', '\0']) {
             return Err(PortError::RigName { rig: rig.to_owned() });
         }
-        let name = format!("{rig}-pc");
+        let name = format!("{rig}-{gateway}");
         let path = folder.join(&name);
         let refused = |errno: Errno| PortError::Folder { folder: folder.to_owned(), cause: errno.into() };
 

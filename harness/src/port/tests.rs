@@ -650,33 +650,33 @@ fn default_link_replaces_a_dead_harness_but_not_a_live_one() {
     let runtime = tempfile::tempdir().unwrap();
     let folder = runtime.path().join("torno");
     let target = Path::new("/dev/pts/some");
-    let live = Link::of_rig(&folder, "lathe", target).unwrap();
+    let live = Link::of_rig(&folder, "lathe", "pc", target).unwrap();
     assert_eq!(live.path(), folder.join("lathe-pc"));
     assert_eq!(files::metadata(&folder).unwrap().mode() & 0o777, 0o700);
-    let error = Link::of_rig(&folder, "lathe", target).unwrap_err().to_string();
+    let error = Link::of_rig(&folder, "lathe", "pc", target).unwrap_err().to_string();
     let link = folder.join("lathe-pc");
     let expected = format!("a rig 'lathe' is already up at {}: choose another link with --link", link.display());
     assert_eq!(error, expected);
-    let other = Link::of_rig(&folder, "mill", target).unwrap();
+    let other = Link::of_rig(&folder, "mill", "pc", target).unwrap();
     drop((live, other));
     assert!(files::symlink_metadata(&link).is_err());
 
     // A killed harness leaves its link, and a lock file that nobody has locked.
     symlink("/dev/pts/gone", &link).unwrap();
-    let next = Link::of_rig(&folder, "lathe", target).unwrap();
+    let next = Link::of_rig(&folder, "lathe", "pc", target).unwrap();
     assert_eq!(files::read_link(next.path()).unwrap(), target);
     drop(next);
 
     File::create(&link).unwrap();
-    assert!(matches!(Link::of_rig(&folder, "lathe", target), Err(PortError::Exists { path }) if path == link));
-    assert!(matches!(Link::of_rig(&folder, "a/b", target), Err(PortError::RigName { .. })));
+    assert!(matches!(Link::of_rig(&folder, "lathe", "pc", target), Err(PortError::Exists { path }) if path == link));
+    assert!(matches!(Link::of_rig(&folder, "a/b", "pc", target), Err(PortError::RigName { .. })));
 }
 
 #[test]
 fn default_folder_must_be_private() {
     let runtime = tempfile::tempdir().unwrap();
     let target = Path::new("/dev/pts/some");
-    let refusal = |folder: &Path| Link::of_rig(folder, "lathe", target).unwrap_err().to_string();
+    let refusal = |folder: &Path| Link::of_rig(folder, "lathe", "pc", target).unwrap_err().to_string();
 
     let open = runtime.path().join("open");
     files::create_dir(&open).unwrap();

@@ -27,10 +27,10 @@ pub const DEFAULT: &str = "lathe";
 pub struct RigFile {
     /// The rig's name.
     pub name: String,
-    /// What is said on its lines.
-    pub dialect: &'static dyn Dialect,
-    /// The PC's side.
-    pub pc: Pc,
+    /// The PC's gateway: the first one.
+    pub pc: Gateway,
+    /// The other gateways, in the order of the file.
+    pub more: Vec<Gateway>,
     /// The boards, in the order of the file.
     pub boards: Vec<Board>,
     /// What the rig consists of, the PC's UART included.
@@ -41,9 +41,13 @@ pub struct RigFile {
     pub text: String,
 }
 
-/// The PC's UART and what it is connected to.
+/// A gateway joins a port of a board to the world outside: a UART, and the dialect of its line.
 #[derive(Clone, Debug)]
-pub struct Pc {
+pub struct Gateway {
+    /// Its name, unique among gateways and boards. `pc` for the `[pc]` of a file.
+    pub name: String,
+    /// What is said on its line. Default: the rig's dialect.
+    pub dialect: &'static dyn Dialect,
     /// The board's place in [`RigFile::boards`], and its port.
     pub to: (usize, u8),
     /// Bits per second, 50…4 000 000. Default 9600.
@@ -51,8 +55,15 @@ pub struct Pc {
     /// Characters that the UART has loaded beyond the one on the line, and that still go out after `XOFF`. 1…64,
     /// default 1.
     pub tx_fifo: usize,
-    /// The error of the PC's clock. Default 0.
+    /// The error of its clock. Default 0.
     pub clock: Clock,
+}
+
+impl Gateway {
+    /// The UART at the harness's side.
+    pub fn uart(&self) -> PcUart {
+        PcUart::new(self.baud, self.tx_fifo, self.clock)
+    }
 }
 
 /// A board of the rig.
@@ -104,7 +115,9 @@ pub fn built_in_names() -> Vec<&'static str> {
 struct RawRig {
     name: Spanned<String>,
     dialect: Spanned<String>,
-    pc: RawPc,
+    pc: Option<RawPc>,
+    #[serde(default)]
+    gateway: Vec<RawGateway>,
     #[serde(default)]
     board: Vec<RawBoard>,
     #[serde(default)]
@@ -126,6 +139,27 @@ struct RawPc {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
+struct RawGateway {
+    name: Spanned<String>,
+    port: Spanned<String>,
+    dialect: Option<Spanned<String>>,
+    #[serde(default = "default_baud")]
+    baud: Spanned<u32>,
+    #[serde(default = "default_fifo")]
+    tx_fifo: Spanned<usize>,
+    #[serde(default = "default_ppm")]
+    clock_ppm: Spanned<f64>,
+}
+
+impl From<RawPc> for RawGateway {
+    fn from(RawPc { port, baud, tx_fifo, clock_ppm }: RawPc) -> Self {
+        let name = Spanned::new(port.span(), GATEWAY.to_owned());
+        Self { name, port, dialect: None, baud, tx_fifo, clock_ppm }
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
 struct RawBoard {
     name: Spanned<String>,
     kind: Spanned<String>,
@@ -140,6 +174,7 @@ struct RawBoard {
 struct RawLink {
     // Not an array of two, which would leave out a third without a word.
     ends: Spanned<Vec<Spanned<String>>>,
+    dialect: Option<Spanned<String>>,
 }
 
 fn default_baud() -> Spanned<u32> {
@@ -215,7 +250,7 @@ impl RigFile {
 
     /// The names of its parts.
     pub fn names(&self) -> Names {
-        Names::of(&self.layout, self.dialect)
+        Names::of(&self.layout, self.pc.dialect)
     }
 
     /// What heads the trace of a session with this rig, which was named `rig`.
@@ -223,14 +258,14 @@ impl RigFile {
         Header::new(self.layout.clone(), &self.text, rig, seed, program)
     }
 
-    /// The UART with which the PC takes part.
-    pub fn uart(&self) -> PcUart {
-        PcUart::new(self.pc.baud, self.pc.tx_fifo, self.pc.clock)
+    /// The gateways; the PC's is the first.
+    pub fn gateways(&self) -> impl Iterator<Item = &Gateway> {
+        [&self.pc].into_iter().chain(&self.more)
     }
 
     /// Longer than a character takes on any line: two at the slowest speed, as no clock is wrong by half.
     pub fn margin(&self) -> Span {
-        let slowest = self.pc.baud.min(self.dialect.baud());
+        let slowest = self.layout.lines.iter().map(|line| line.baud).min().unwrap_or(self.pc.baud);
         Span::from_nanos(2 * BITS_PER_CHARACTER * 1_000_000_000 / u64::from(slowest))
     }
 
@@ -255,14 +290,32 @@ impl RigFile {
             taken.push(found);
             Ok(found)
         };
-        let pc = Pc {
-            to: end(&raw.pc.port)?,
-            baud: in_range("baud", &raw.pc.baud, 50..=4_000_000)?,
-            tx_fifo: in_range("tx_fifo", &raw.pc.tx_fifo, 1..=64)?,
-            clock: check_clock(&raw.pc.clock_ppm)?,
+        let mut gateways: Vec<Gateway> = Vec::new();
+        for raw in raw.pc.map(RawGateway::from).into_iter().chain(raw.gateway) {
+            check_name(&raw.name)?;
+            let name = raw.name.get_ref().clone();
+            let boards = boards.iter().map(|board| board.name.as_str());
+            if gateways.iter().map(|gateway| gateway.name.as_str()).chain(boards).any(|other| other == name) {
+                let message = format!("the name '{name}' is already taken: expected another for this gateway");
+                return Err((raw.name.span(), message));
+            }
+            gateways.push(Gateway {
+                name,
+                dialect: raw.dialect.as_ref().map_or(Ok(dialect), find_dialect)?,
+                to: end(&raw.port)?,
+                baud: in_range("baud", &raw.baud, 50..=4_000_000)?,
+                tx_fifo: in_range("tx_fifo", &raw.tx_fifo, 1..=64)?,
+                clock: check_clock(&raw.clock_ppm)?,
+            });
+        }
+        let mut gateways = gateways.into_iter();
+        let Some(pc) = gateways.next() else {
+            return Err((raw.name.span(), "no way in from outside: expected a [pc] or a [[gateway]]".to_owned()));
         };
-        let mut links: Vec<[(usize, u8); 2]> = Vec::new();
-        for RawLink { ends } in raw.link {
+        let more: Vec<Gateway> = gateways.collect();
+        let mut links: Vec<Link> = Vec::new();
+        for RawLink { ends, dialect: own } in raw.link {
+            let dialect = own.as_ref().map_or(Ok(dialect), find_dialect)?;
             let span = ends.span();
             let [a, b] = ends.get_ref().as_slice() else {
                 return Err((span, format!("expected the two ends of a link, found {}", ends.get_ref().len())));
@@ -272,10 +325,10 @@ impl RigFile {
                 let name = &boards[from].name;
                 return Err((span, format!("'{name}' is linked to itself: expected ports of two different boards")));
             }
-            let link = [end(a)?, end(b)?];
-            let pair = |link: &[(usize, u8); 2]| (link[0].0.min(link[1].0), link[0].0.max(link[1].0));
+            let link = Link { ends: [end(a)?, end(b)?], dialect };
+            let pair = |link: &Link| (link.ends[0].0.min(link.ends[1].0), link.ends[0].0.max(link.ends[1].0));
             if links.iter().any(|other| pair(other) == pair(&link)) {
-                let (a, b) = (&boards[link[0].0].name, &boards[link[1].0].name);
+                let [a, b] = link.ends.map(|(board, _)| &boards[board].name);
                 return Err((
                     span,
                     format!("'{a}' and '{b}' are already linked: expected one link between two boards"),
@@ -284,8 +337,8 @@ impl RigFile {
             links.push(link);
         }
         let name = raw.name.into_inner();
-        let layout = layout(dialect, &pc, &boards, &links);
-        let mut file = Self { name, dialect, pc, boards, layout, part: None, text: String::new() };
+        let layout = layout([&pc].into_iter().chain(&more), &boards, &links);
+        let mut file = Self { name, pc, more, boards, layout, part: None, text: String::new() };
         let worth = |node: usize, quantity: &str| {
             let Board { kind, settings, .. } = file.boards.get(node)?;
             kinds::mm_per_count(kind, settings, quantity).ok().flatten()
@@ -295,33 +348,41 @@ impl RigFile {
     }
 }
 
-/// Every line, in the order of the engine's numbers: both directions of each link, the PC's first. The PC comes behind
-/// the boards and has one port.
-fn layout(dialect: &dyn Dialect, pc: &Pc, boards: &[Board], links: &[[(usize, u8); 2]]) -> Layout {
+/// A link between two boards, each end a board's place and its port.
+struct Link {
+    ends: [(usize, u8); 2],
+    dialect: &'static dyn Dialect,
+}
+
+/// Every line, in the order of the engine's numbers: both directions of each link, the gateways' first. The gateways'
+/// UARTs come behind the boards and have one port.
+fn layout<'a>(gateways: impl Iterator<Item = &'a Gateway> + Clone, boards: &[Board], links: &[Link]) -> Layout {
     let board = |board: &Board| BoardLayout {
         name: board.name.clone(),
         kind: board.kind.clone(),
         clock: board.clock,
         description: board.description.clone(),
     };
-    let gateway = BoardLayout {
-        name: GATEWAY.to_owned(),
+    let uart = |gateway: &Gateway| BoardLayout {
+        name: gateway.name.clone(),
         kind: GATEWAY.to_owned(),
-        clock: pc.clock,
-        description: PcUart::new(pc.baud, pc.tx_fifo, pc.clock).description(),
+        clock: gateway.clock,
+        description: gateway.uart().description(),
     };
-    let boards: Vec<BoardLayout> = boards.iter().map(board).chain([gateway]).collect();
-    let line = |from: (usize, u8), to: (usize, u8), baud: u32| LineLayout {
+    let count = boards.len();
+    let boards: Vec<BoardLayout> = boards.iter().map(board).chain(gateways.clone().map(uart)).collect();
+    let line = |from: (usize, u8), to: (usize, u8), baud: u32, dialect: &dyn Dialect| LineLayout {
         name: format!("{}_to_{}", boards[from.0].name, boards[to.0].name),
         from,
         to,
         baud,
         dialect: dialect.name().to_owned(),
     };
-    let outside = ((boards.len() - 1, 0), pc.to, pc.baud);
-    let between = links.iter().map(|[a, b]| (*a, *b, dialect.baud()));
-    let both = [outside].into_iter().chain(between).flat_map(|(a, b, baud)| [line(a, b, baud), line(b, a, baud)]);
-    let lines = both.collect();
+    let outside =
+        (count..).zip(gateways).map(|(place, gateway)| ((place, 0), gateway.to, gateway.baud, gateway.dialect));
+    let between = links.iter().map(|Link { ends: [a, b], dialect }| (*a, *b, dialect.baud(), *dialect));
+    let both = |(a, b, baud, dialect)| [line(a, b, baud, dialect), line(b, a, baud, dialect)];
+    let lines = outside.chain(between).flat_map(both).collect();
     Layout { boards, lines }
 }
 

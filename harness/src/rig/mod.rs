@@ -191,7 +191,7 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// Starts the boards of `file`, with `pc` for the PC's UART.
+    /// Starts the boards of `file`, with `pc` for the UART of the PC's gateway.
     ///
     /// # Errors
     /// [`RigError`] if a board cannot be started.
@@ -221,7 +221,11 @@ impl Rig {
             rig.add_node(Node::new(&board.name, board.description.clone(), board.clock, seat));
         }
         let pc: Box<dyn Steps> = Box::new(Stepper::new(pc));
-        rig.add_node(Node::new("pc", pc.description(), file.pc.clock, Seat::Local(pc)));
+        rig.add_node(Node::new(&file.pc.name, pc.description(), file.pc.clock, Seat::Local(pc)));
+        for gateway in &file.more {
+            let uart: Box<dyn Steps> = Box::new(Stepper::new(gateway.uart()));
+            rig.add_node(Node::new(&gateway.name, uart.description(), gateway.clock, Seat::Local(uart)));
+        }
         file.layout.lines.iter().for_each(|line| rig.add_line(line));
         rig.greet().await?;
         rig.nodes.iter_mut().for_each(|node| node.bytes.0 = node.bytes().unwrap_or_default());
@@ -337,7 +341,7 @@ impl Rig {
         names
     }
 
-    /// The PC's number.
+    /// The number of the PC's gateway. Those of the others follow.
     pub const fn pc(&self) -> NodeId {
         self.pc
     }

@@ -7,7 +7,7 @@ use torno_text::nearest;
 /// What belongs to a board itself, and not to its settings.
 const OF_A_BOARD: [&str; 1] = ["clock_ppm"];
 
-/// Puts `value` at `place` of a rig file's table: `pc.FIELD`, `BOARD.clock_ppm` or `BOARD.TABLE.FIELD`, which is short
+/// Puts `value` at `place` of a rig file's table: `pc.FIELD`, `GATEWAY.FIELD`, `BOARD.clock_ppm` or `BOARD.TABLE.FIELD`, which is short
 /// for `board.BOARD.settings.TABLE.FIELD`.
 ///
 /// # Errors
@@ -17,6 +17,9 @@ pub fn set(rig: &mut Table, place: &str, value: &str) -> Result<(), String> {
     let words: Vec<&str> = place.split('.').collect();
     let (table, words) = match &words[..] {
         ["pc", rest @ ..] => (rig.get_mut("pc").and_then(Value::as_table_mut).ok_or("there is no pc")?, rest.to_vec()),
+        [name, rest @ ..] if gateway(rig, name).is_some() => {
+            (gateway(rig, name).ok_or("there is no gateway")?, rest.to_vec())
+        }
         ["board", name, rest @ ..] | [name, rest @ ..] => {
             let table = board(rig, name)?;
             let own = matches!(rest, [field] if OF_A_BOARD.iter().any(|own| is_near(field, own)));
@@ -27,6 +30,13 @@ pub fn set(rig: &mut Table, place: &str, value: &str) -> Result<(), String> {
     };
     *entry(table, &words)? = parsed(value);
     Ok(())
+}
+
+/// The `[[gateway]]` of that name.
+fn gateway<'a>(rig: &'a mut Table, name: &str) -> Option<&'a mut Table> {
+    let gateways = rig.get_mut("gateway").and_then(Value::as_array_mut)?;
+    let gateways = gateways.iter_mut().filter_map(Value::as_table_mut);
+    gateways.into_iter().find(|gateway| gateway.get("name").and_then(Value::as_str) == Some(name))
 }
 
 fn is_near(field: &str, own: &str) -> bool {

@@ -64,7 +64,7 @@ async fn conduct(
     recorder: Option<Recorder>,
     slice: Option<Span>,
 ) -> Result<Outcome, SessionError> {
-    let mut session = Session::start(&scenario.file, driver, scenario.file.uart()).await?.quiet();
+    let mut session = Session::start(&scenario.file, driver, scenario.file.pc.uart()).await?.quiet();
     if let Some(recorder) = recorder {
         session.record(recorder);
     }
@@ -274,21 +274,21 @@ impl<'a> Conductor<'a> {
 
     /// Takes note of what has happened. Gives what watches have seen.
     fn take_note(&mut self, happened: Happened) -> Vec<Hit> {
-        let Happened { facts, hits, begun, pc, incidents, .. } = happened;
+        for (at, exchange) in happened.pc() {
+            self.note_pc(at, exchange);
+        }
+        let Happened { facts, hits, begun, incidents, .. } = happened;
         for incident in incidents {
             self.note(incident.at, &incident.to_string());
         }
         self.note_begun(begun);
-        for (at, exchange) in pc {
-            self.note_pc(at, exchange);
-        }
         for fact in facts {
             if let Some(path) = &mut self.path {
                 path.add(&fact);
             }
             match fact {
                 Fact::Telemetry { node, at, signal, value } => self.check_value(node, at, signal, value),
-                Fact::Event { node, .. } if node == self.rig().pc() => {}
+                Fact::Event { node, .. } if self.rig().layout().boards[node].is_gateway() => {}
                 Fact::Event { node, at, event, value } => {
                     let node_of = &self.rig().nodes()[node];
                     let text = node_of.description.events.get(usize::from(event)).map_or("?", String::as_str);
@@ -307,7 +307,7 @@ impl<'a> Conductor<'a> {
         hits
     }
 
-    fn note_pc(&mut self, at: Instant, exchange: Exchange) {
+    fn note_pc(&mut self, at: Instant, exchange: &Exchange) {
         match exchange {
             Exchange::Sent(_, texts) => {
                 texts.iter().for_each(|text| self.note(at, &format!("pc sends {text}")));
@@ -321,7 +321,7 @@ impl<'a> Conductor<'a> {
                         pc,
                         |never| matches!(never, Condition::Reply(expected) if is_reply(&reply.code, expected)),
                     );
-                    self.replies.push(reply.code);
+                    self.replies.push(reply.code.clone());
                 }
             }
             Exchange::Garbled(byte) => self.note(at, &format!("pc hears a garbled {byte:02X}")),

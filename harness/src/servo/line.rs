@@ -75,7 +75,7 @@ impl RigLine {
     /// # Errors
     /// [`LineError::Session`].
     pub async fn start(file: &RigFile, driver: &Driver) -> Result<Self, LineError> {
-        let session = Session::start(file, driver, file.uart()).await?;
+        let session = Session::start(file, driver, file.pc.uart()).await?;
         session.rig().share_one_processor();
         Ok(Self {
             name: format!("the rig '{}'", file.name),
@@ -142,7 +142,7 @@ impl RigLine {
     }
 
     fn note(&mut self, happened: &Happened) {
-        for (_, exchange) in &happened.pc {
+        for (_, exchange) in happened.pc() {
             match exchange {
                 Exchange::Sent(..) => self.queued = self.queued.saturating_sub(1),
                 Exchange::Received(byte, _) | Exchange::Garbled(byte) => self.received.push_back(*byte),

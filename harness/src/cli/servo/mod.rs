@@ -256,9 +256,9 @@ impl Place {
     /// The rig that is meant if no port is named.
     fn rig(&self) -> anyhow::Result<RigFile> {
         let file = load_rig(&self.rig, &self.set)?;
-        if file.dialect.name() != RIG {
-            let (name, player) = (&file.name, file.dialect.player());
-            anyhow::bail!("the rig '{name}' speaks {}, not {RIG}: use '{player}'", file.dialect.name());
+        if file.pc.dialect.name() != RIG {
+            let (name, player) = (&file.name, file.pc.dialect.player());
+            anyhow::bail!("the rig '{name}' speaks {}, not {RIG}: use '{player}'", file.pc.dialect.name());
         }
         Ok(file)
     }
