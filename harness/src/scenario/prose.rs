@@ -1,8 +1,8 @@
 //! Scenarios in Rust, for integration tests: the same things as in a scenario file, in the same words.
 //!
-//! What is written here is a scenario file ([`Prose::toml`]), and that file is what runs. So all checks and messages are
-//! those of files, and a test that fails shows the file that repeats it. Fields that have no method of their own are set
-//! with [`Clause::with`].
+//! What is written here is a scenario file ([`Prose::toml`]), and that file is what runs. So all checks and messages
+//! are those of files, and a test that fails shows the file that repeats it. Fields that have no method of their own
+//! are set with [`Clause::with`].
 //!
 //! ```
 //! use torno::scenario::prose::{board, line, reply, scenario};
