@@ -159,6 +159,14 @@ fn a_rig_is_like_itself_and_the_text_says_so() {
     assert!(words[0] == words[1] && words[2..] == ["+0.000", "1.000"], "{whole}");
 }
 
+#[test]
+fn a_row_without_a_difference_ends_where_its_words_end() {
+    let text = String::from_utf8(output(&["compare", "lathe", "lathe-dspic"]).stdout).unwrap();
+    let row = text.lines().find(|line| line.contains("depth_to_master, bytes")).unwrap();
+    assert!(row.ends_with(" -"), "{row:?}");
+    assert!(text.lines().all(|line| line.trim_end() == line && !line.contains('\x1b')), "{text}");
+}
+
 fn file(folder: &Path, name: &str, text: &str) -> String {
     let path = folder.join(name);
     fs::write(&path, text).unwrap();

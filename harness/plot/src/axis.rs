@@ -45,7 +45,7 @@ pub(crate) fn range(values: impl Iterator<Item = f64>, room: f64) -> (f64, f64) 
 }
 
 /// A number on an axis: no more digits than it needs.
-pub fn number(value: f64) -> String {
+pub(crate) fn number(value: f64) -> String {
     let text = format!("{:.6}", if value.abs() < 1e-9 { 0.0 } else { value });
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }

@@ -9,7 +9,6 @@ mod chart;
 mod colours;
 mod figure;
 
-pub use axis::number;
 pub use chart::{Chart, Row};
 pub use colours::{Colouring, Colours};
 pub use figure::{Figure, Panel, PlotError, Series, Style};

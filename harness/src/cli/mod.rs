@@ -41,7 +41,7 @@ use output::{OutputFile, colour, print, print_result, print_text, write_file};
 
 /// What a bare `torno` says.
 const INTRODUCTION: &str = "\
-torno emulates small serial-bus CNC machines: every board is a process, every line carries its waveform.
+torno emulates small serial-bus CNC machines: boards are processes, lines carry real waveforms.
   torno run     plays a program on a lathe, as fast as the computer can, and reports the result
   torno up      starts the lathe and gives your own program a serial port to it
   torno help    lists all commands; 'torno COMMAND --help' explains one

@@ -9,8 +9,7 @@ use torno_identify::discrete::Discrete;
 use torno_identify::{Data, Estimate, Finding, FirstOrder, Fitted, SecondOrder, arx, doubt, nls, second_order, step};
 
 use super::bench::{LOOP_GAIN, Recording, Useless};
-use torno_plot::Style as Drawn;
-use torno_plot::{Figure, Panel, Series};
+use torno_plot::{Figure, Panel, Series, Style as Drawn};
 
 /// The units of a motor's input and speed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]

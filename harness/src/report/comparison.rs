@@ -109,11 +109,8 @@ impl fmt::Display for Comparison {
             let ratio = row.ratio.map_or_else(String::new, |ratio| format!("{ratio:.3}"));
             let (a, b) = (value(0), value(1));
             write!(text, "{:<first$}  {a:>wide_a$}  {b:>wide_b$}", label(row))?;
-            writeln!(
-                text,
-                "{}",
-                format!("  {dim}{difference:>11}  {ratio:>7}").trim_end().to_owned() + &format!("{dim:#}")
-            )?;
+            let rest = format!("  {difference:>11}  {ratio:>7}");
+            writeln!(text, "{dim}{}{dim:#}", rest.trim_end())?;
         }
         Ok(())
     }

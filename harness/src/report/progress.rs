@@ -5,6 +5,12 @@ use std::time::Duration;
 use indicatif::{ProgressBar, ProgressStyle};
 use torno_protocol::time::Instant;
 
+/// The same bar as this template, which is part of the program, says.
+fn drawn(bar: ProgressBar, template: &str) -> ProgressBar {
+    let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
+    bar.with_style(style.progress_chars("━╸─"))
+}
+
 /// A bar that shows how many frames of a program have been executed.
 pub struct Bar {
     bar: ProgressBar,
@@ -14,10 +20,7 @@ pub struct Bar {
 impl Bar {
     /// A bar for so many frames. `wall` is when the command started.
     pub fn new(frames: usize, wall: std::time::Instant) -> Self {
-        let bar = ProgressBar::new(frames as u64);
-        let template = "frame {pos} of {len} {bar:32.cyan/blue} {msg}";
-        let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
-        bar.set_style(style.progress_chars("━╸─"));
+        let bar = drawn(ProgressBar::new(frames as u64), "frame {pos} of {len} {bar:32.cyan/blue} {msg}");
         // It ticks in a thread of its own: not for nothing.
         if !bar.is_hidden() {
             bar.enable_steady_tick(Duration::from_millis(250));
@@ -28,10 +31,7 @@ impl Bar {
     /// A bar for so many scenarios.
     #[expect(clippy::disallowed_methods, reason = "a bar shows wall time")]
     pub fn of_scenarios(scenarios: usize) -> Self {
-        let bar = ProgressBar::new(scenarios as u64);
-        let template = "scenario {pos} of {len} {bar:32.cyan/blue}";
-        let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
-        bar.set_style(style.progress_chars("━╸─"));
+        let bar = drawn(ProgressBar::new(scenarios as u64), "scenario {pos} of {len} {bar:32.cyan/blue}");
         Self { bar, wall: std::time::Instant::now() }
     }
 
@@ -74,9 +74,7 @@ pub struct Status {
 impl Status {
     /// An empty line.
     pub fn new() -> Self {
-        let line = ProgressBar::no_length();
-        line.set_style(ProgressStyle::with_template("{msg}").unwrap_or_else(|_| ProgressStyle::default_bar()));
-        Self { line }
+        Self { line: drawn(ProgressBar::no_length(), "{msg}") }
     }
 
     /// Shows this, unless something has been shown just now.

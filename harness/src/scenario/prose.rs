@@ -1,8 +1,8 @@
 //! Scenarios in Rust, for integration tests: the same things as in a scenario file, in the same words.
 //!
-//! What is written here is a scenario file ([`Prose::toml`]), and that file is what runs. So all checks and messages are
-//! those of files, and a test that fails shows the file that repeats it. Fields that have no method of their own are set
-//! with [`Clause::with`].
+//! What is written here is a scenario file ([`Prose::toml`]), and that file is what runs. So all checks and messages
+//! are those of files, and a test that fails shows the file that repeats it. Fields that have no method of their own
+//! are set with [`Clause::with`].
 //!
 //! ```
 //! use torno::scenario::prose::{board, line, reply, scenario};
@@ -18,13 +18,14 @@
 //!     .must_pass();
 //! ```
 
+use std::error::Error;
+
 use serde::Serialize;
 use toml::{Table, Value};
 
 use super::{Outcome, Scenario, ScenarioError, run_all};
 use crate::rig::Driver;
 use crate::scenario::{Tested, seed_text};
-use crate::session::SessionError;
 
 /// A scenario that is being written: what is in its file.
 #[derive(Clone, Debug, Default, Serialize)]
@@ -53,17 +54,6 @@ struct Expect {
     never: Vec<Clause>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     part: Vec<Clause>,
-}
-
-/// Why a scenario in prose cannot be run.
-#[derive(Debug, thiserror::Error)]
-pub enum ProseError {
-    /// It is no scenario.
-    #[error(transparent)]
-    Scenario(#[from] ScenarioError),
-    /// The rig broke.
-    #[error(transparent)]
-    Rig(#[from] SessionError),
 }
 
 /// Begins a scenario.
@@ -206,12 +196,12 @@ impl Prose {
     /// Runs it, all boards in this process.
     ///
     /// # Errors
-    /// [`ProseError`] if it is no scenario, or the rig itself breaks.
-    pub fn run(&self) -> Result<Outcome, ProseError> {
+    /// If it is no scenario, or the rig itself breaks.
+    pub fn run(&self) -> Result<Outcome, Box<dyn Error>> {
         Ok(self.tested()?.outcome)
     }
 
-    fn tested(&self) -> Result<Tested, ProseError> {
+    fn tested(&self) -> Result<Tested, Box<dyn Error>> {
         let named = [(self.name.clone(), self.scenario()?)];
         let mut tested = run_all(&named, &Driver::InProcess, 1, |_| ()).into_iter().collect::<Result<Vec<_>, _>>()?;
         Ok(tested.remove(0))
