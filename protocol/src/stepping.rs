@@ -31,6 +31,8 @@ const OUTPUTS: usize = 128;
 pub struct Cell<B> {
     board: B,
     receivers: Vec<Receiver>,
+    /// The first character that one of them hands over, and which. Kept, as it is looked at for every thing handled.
+    coming: Option<(Instant, usize)>,
     /// What each port has received and the firmware has not fetched.
     waiting: Vec<Waiting>,
     stimuli: VecDeque<(Instant, Stimulus)>,
@@ -60,6 +62,7 @@ impl<B: Board> Cell<B> {
         let mut cell = Self {
             board,
             receivers,
+            coming: None,
             waiting,
             stimuli: VecDeque::new(),
             off: false,
@@ -87,11 +90,13 @@ impl<B: Board> Cell<B> {
             Heard::Edges { port, edges } => {
                 if let Some(receiver) = self.receivers.get_mut(usize::from(*port)) {
                     receiver.hear(edges);
+                    self.note_coming();
                 }
             }
             Heard::Cut { port, at } => {
                 if let Some(receiver) = self.receivers.get_mut(usize::from(*port)) {
                     receiver.hear_cut(*at);
+                    self.note_coming();
                 }
             }
             Heard::Stimulus { at, stimulus } => {
@@ -138,10 +143,8 @@ impl<B: Board> Cell<B> {
         if self.fetches() {
             consider(self.ready(), Next::Fetch);
         }
-        for (port, receiver) in self.receivers.iter().enumerate() {
-            if let Some(at) = receiver.poll_timeout() {
-                consider(at, Next::Character(port));
-            }
+        if let Some((at, port)) = self.coming {
+            consider(at, Next::Character(port));
         }
         if self.runs()
             && let Some(deadline) = self.board.poll_timeout()
@@ -221,6 +224,7 @@ impl<B: Board> Cell<B> {
                 self.input(at, Input::Stimulus(stimulus), emit);
                 let tuned = self.board.receivers();
                 self.receivers.iter_mut().zip(&tuned).for_each(|(receiver, tuned)| receiver.retune(tuned, at));
+                self.note_coming();
             }
             Stimulus::Reset | Stimulus::Write(_) | Stimulus::Discard if self.off => {}
             Stimulus::Drive(_) | Stimulus::Of(_, OfMotor::Drive(_)) if self.off => {}
@@ -247,11 +251,14 @@ impl<B: Board> Cell<B> {
             // A character that began before is none.
             let fresh = self.board.receivers();
             self.receivers.iter_mut().zip(&fresh).for_each(|(receiver, fresh)| receiver.replace_by(fresh, at));
+            self.note_coming();
         }
     }
 
     fn character(&mut self, at: Instant, port: usize, emit: &mut impl FnMut(Instant, Output)) {
-        let Some(character) = self.receivers[port].take(at) else { return };
+        let taken = self.receivers[port].take(at);
+        self.note_coming();
+        let Some(character) = taken else { return };
         if self.runs() && self.busy_until <= at {
             self.deliver(at, port, character, emit);
         } else if !self.off && (self.hung == 0 && self.stopped.is_none() || self.receivers[port].is_buffered()) {
@@ -278,15 +285,19 @@ impl<B: Board> Cell<B> {
         while let Some((port, receiver)) = self.board.poll_receiver() {
             if let Some(present) = self.receivers.get_mut(usize::from(port)) {
                 present.replace_by(&receiver, at);
+                self.note_coming();
             }
         }
     }
 
+    fn note_coming(&mut self) {
+        let due = |(port, receiver): (usize, &Receiver)| receiver.poll_timeout().map(|at| (at, port));
+        self.coming = self.receivers.iter().enumerate().filter_map(due).min();
+    }
+
     fn note_mute(&mut self) {
-        let mute = (!self.runs() || self.board.mute())
-            && !self.fetches()
-            && self.stimuli.is_empty()
-            && self.receivers.iter().all(|receiver| receiver.poll_timeout().is_none());
+        let mute =
+            self.coming.is_none() && self.stimuli.is_empty() && (!self.runs() || self.board.mute()) && !self.fetches();
         self.mute_since = if mute { self.mute_since.or(Some(self.handled)) } else { None };
     }
 
