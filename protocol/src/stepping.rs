@@ -15,11 +15,9 @@ use crate::uart::{Character, Fifo, Receiver};
 /// How far a board is run ahead when nothing comes out of it. A little over the period of the master's enquiries, so
 /// that these, and not the cap, wake a busy slave.
 const RUN_AHEAD: Span = Span::from_millis(1_100);
-/// How long a board is run on after its last output, in the hope of another: longer than a character, shorter than
-/// the time in which an answer is missed.
+/// How long a board is run on after the first of its outputs, in the hope of others: longer than a character, shorter
+/// than the time in which an answer is missed. What follows in a long stream would mostly be run ahead in vain.
 const RUN_ON: Span = Span::from_millis(10);
-/// But never further than this from the first of its outputs, so that a long stream is not run ahead in vain.
-const RUN_ON_MAX: Span = Span::from_millis(25);
 /// A checkpoint is taken after so many things handled.
 const CHECKPOINT_EVERY: u32 = 24;
 
@@ -479,7 +477,6 @@ impl<B: Board> Stepper<B> {
     fn run_ahead(&mut self, until: Instant, effect: Option<Instant>, batch: &mut Batch) {
         let cap = self.head.handled.max(until).max(effect.unwrap_or_default()) + RUN_AHEAD;
         let mut run_on = Instant::NEVER;
-        let mut run_on_max = Instant::NEVER;
         if self.since_checkpoint > 0 {
             self.checkpoint();
         }
@@ -496,9 +493,8 @@ impl<B: Board> Stepper<B> {
                 self.checkpoint();
             }
             self.tell(at, next, batch, |output| {
-                if let Output::Character { end, .. } = output {
-                    run_on_max = run_on_max.min(at + RUN_ON_MAX);
-                    run_on = run_on_max.min(*end + RUN_ON);
+                if let Output::Character { .. } = output {
+                    run_on = run_on.min(at + RUN_ON);
                 }
             });
         }
