@@ -15,11 +15,9 @@ use crate::uart::{Character, Fifo, Receiver};
 /// How far a board is run ahead when nothing comes out of it. A little over the period of the master's enquiries, so
 /// that these, and not the cap, wake a busy slave.
 const RUN_AHEAD: Span = Span::from_millis(1_100);
-/// How long a board is run on after its last output, in the hope of another: longer than a character, shorter than
-/// the time in which an answer is missed.
+/// How long a board is run on after the first of its outputs, in the hope of others: longer than a character, shorter
+/// than the time in which an answer is missed. What follows in a long stream would mostly be run ahead in vain.
 const RUN_ON: Span = Span::from_millis(10);
-/// But never further than this from the first of its outputs, so that a long stream is not run ahead in vain.
-const RUN_ON_MAX: Span = Span::from_millis(25);
 /// A checkpoint is taken after so many things handled.
 const CHECKPOINT_EVERY: u32 = 24;
 
@@ -31,6 +29,8 @@ const OUTPUTS: usize = 128;
 pub struct Cell<B> {
     board: B,
     receivers: Vec<Receiver>,
+    /// The first character that one of them hands over, and which. Kept, as it is looked at for every thing handled.
+    coming: Option<(Instant, usize)>,
     /// What each port has received and the firmware has not fetched.
     waiting: Vec<Waiting>,
     stimuli: VecDeque<(Instant, Stimulus)>,
@@ -60,6 +60,7 @@ impl<B: Board> Cell<B> {
         let mut cell = Self {
             board,
             receivers,
+            coming: None,
             waiting,
             stimuli: VecDeque::new(),
             off: false,
@@ -87,11 +88,13 @@ impl<B: Board> Cell<B> {
             Heard::Edges { port, edges } => {
                 if let Some(receiver) = self.receivers.get_mut(usize::from(*port)) {
                     receiver.hear(edges);
+                    self.note_coming();
                 }
             }
             Heard::Cut { port, at } => {
                 if let Some(receiver) = self.receivers.get_mut(usize::from(*port)) {
                     receiver.hear_cut(*at);
+                    self.note_coming();
                 }
             }
             Heard::Stimulus { at, stimulus } => {
@@ -138,10 +141,8 @@ impl<B: Board> Cell<B> {
         if self.fetches() {
             consider(self.ready(), Next::Fetch);
         }
-        for (port, receiver) in self.receivers.iter().enumerate() {
-            if let Some(at) = receiver.poll_timeout() {
-                consider(at, Next::Character(port));
-            }
+        if let Some((at, port)) = self.coming {
+            consider(at, Next::Character(port));
         }
         if self.runs()
             && let Some(deadline) = self.board.poll_timeout()
@@ -221,6 +222,7 @@ impl<B: Board> Cell<B> {
                 self.input(at, Input::Stimulus(stimulus), emit);
                 let tuned = self.board.receivers();
                 self.receivers.iter_mut().zip(&tuned).for_each(|(receiver, tuned)| receiver.retune(tuned, at));
+                self.note_coming();
             }
             Stimulus::Reset | Stimulus::Write(_) | Stimulus::Discard if self.off => {}
             Stimulus::Drive(_) | Stimulus::Of(_, OfMotor::Drive(_)) if self.off => {}
@@ -247,11 +249,14 @@ impl<B: Board> Cell<B> {
             // A character that began before is none.
             let fresh = self.board.receivers();
             self.receivers.iter_mut().zip(&fresh).for_each(|(receiver, fresh)| receiver.replace_by(fresh, at));
+            self.note_coming();
         }
     }
 
     fn character(&mut self, at: Instant, port: usize, emit: &mut impl FnMut(Instant, Output)) {
-        let Some(character) = self.receivers[port].take(at) else { return };
+        let taken = self.receivers[port].take(at);
+        self.note_coming();
+        let Some(character) = taken else { return };
         if self.runs() && self.busy_until <= at {
             self.deliver(at, port, character, emit);
         } else if !self.off && (self.hung == 0 && self.stopped.is_none() || self.receivers[port].is_buffered()) {
@@ -278,15 +283,19 @@ impl<B: Board> Cell<B> {
         while let Some((port, receiver)) = self.board.poll_receiver() {
             if let Some(present) = self.receivers.get_mut(usize::from(port)) {
                 present.replace_by(&receiver, at);
+                self.note_coming();
             }
         }
     }
 
+    fn note_coming(&mut self) {
+        let due = |(port, receiver): (usize, &Receiver)| receiver.poll_timeout().map(|at| (at, port));
+        self.coming = self.receivers.iter().enumerate().filter_map(due).min();
+    }
+
     fn note_mute(&mut self) {
-        let mute = (!self.runs() || self.board.mute())
-            && !self.fetches()
-            && self.stimuli.is_empty()
-            && self.receivers.iter().all(|receiver| receiver.poll_timeout().is_none());
+        let mute =
+            self.coming.is_none() && self.stimuli.is_empty() && (!self.runs() || self.board.mute()) && !self.fetches();
         self.mute_since = if mute { self.mute_since.or(Some(self.handled)) } else { None };
     }
 
@@ -468,7 +477,6 @@ impl<B: Board> Stepper<B> {
     fn run_ahead(&mut self, until: Instant, effect: Option<Instant>, batch: &mut Batch) {
         let cap = self.head.handled.max(until).max(effect.unwrap_or_default()) + RUN_AHEAD;
         let mut run_on = Instant::NEVER;
-        let mut run_on_max = Instant::NEVER;
         if self.since_checkpoint > 0 {
             self.checkpoint();
         }
@@ -485,9 +493,8 @@ impl<B: Board> Stepper<B> {
                 self.checkpoint();
             }
             self.tell(at, next, batch, |output| {
-                if let Output::Character { end, .. } = output {
-                    run_on_max = run_on_max.min(at + RUN_ON_MAX);
-                    run_on = run_on_max.min(*end + RUN_ON);
+                if let Output::Character { .. } = output {
+                    run_on = run_on.min(at + RUN_ON);
                 }
             });
         }

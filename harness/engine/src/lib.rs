@@ -650,9 +650,12 @@ impl Engine {
     fn settle(&mut self, id: NodeId, until: Instant) -> bool {
         let mut sent = false;
         let mut last = None;
+        let watched = self.nodes[id].watched;
         while let Some(Timed { at, output }) = self.nodes[id].take_told(until) {
             last = Some(at);
-            self.look(id, at, &output);
+            if watched {
+                self.look(id, at, &output);
+            }
             match output {
                 Output::Character { port, edges, end } => {
                     sent = true;
@@ -692,9 +695,6 @@ impl Engine {
 
     /// Notes what watches see.
     fn look(&mut self, node: NodeId, at: Instant, output: &Output) {
-        if !self.nodes[node].watched {
-            return;
-        }
         for (watch, what) in &self.watches {
             if what.node == node && what.sees(output) {
                 self.hits.push(Hit { watch: *watch, at });

@@ -78,19 +78,8 @@ impl Profile {
     /// Takes off what the nose sweeps on a straight way.
     pub fn cut(&mut self, nose: &Nose, from: Place, to: Place) -> Shaving {
         let mut shaving = Shaving::default();
+        let Some((first, last)) = self.reached(nose, from, to) else { return shaving };
         let lowest = from.x.min(to.x);
-        if lowest >= self.stock {
-            return shaving;
-        }
-        let (lead, trail) = nose.reach(self.stock - lowest);
-        let nearest = -(from.z.max(to.z) + trail) / GRID;
-        let furthest = -(from.z.min(to.z) - lead) / GRID;
-        if !(furthest >= 0.0 && nearest < self.radii.len() as f64) {
-            return shaving;
-        }
-        let first = nearest.ceil().max(0.0) as usize;
-        // A way's end that lies on a point, as written, must not miss it for the noise of floating point.
-        let last = ((furthest + 1e-6).floor() as usize).min(self.radii.len() - 1);
         let sweep = Sweep::new(nose, from, to);
         // What has been turned as thin lies within the noise of floating point of it.
         let cut = lowest + NOTHING;
@@ -116,6 +105,31 @@ impl Profile {
             *greatest = radii.iter().copied().fold(0.0, f64::max);
         }
         shaving
+    }
+
+    /// The most that a straight way can take off at any point, in mm of radius: it may be less.
+    pub(crate) fn thickest(&self, nose: &Nose, from: Place, to: Place) -> f64 {
+        let Some((first, last)) = self.reached(nose, from, to) else { return 0.0 };
+        let greatest = self.greatest[first / BLOCK..=last / BLOCK].iter().copied().fold(0.0, f64::max);
+        (greatest - from.x.min(to.x)).max(0.0)
+    }
+
+    /// The first and the last point that the nose can reach on a straight way.
+    fn reached(&self, nose: &Nose, from: Place, to: Place) -> Option<(usize, usize)> {
+        let lowest = from.x.min(to.x);
+        if lowest >= self.stock {
+            return None;
+        }
+        let (lead, trail) = nose.reach(self.stock - lowest);
+        let nearest = -(from.z.max(to.z) + trail) / GRID;
+        let furthest = -(from.z.min(to.z) - lead) / GRID;
+        if !(furthest >= 0.0 && nearest < self.radii.len() as f64) {
+            return None;
+        }
+        let first = nearest.ceil().max(0.0) as usize;
+        // A way's end that lies on a point, as written, must not miss it for the noise of floating point.
+        let last = ((furthest + 1e-6).floor() as usize).min(self.radii.len() - 1);
+        (first <= last).then_some((first, last))
     }
 }
 
@@ -243,6 +257,24 @@ mod tests {
                 let lost: f64 = before.radii.iter().zip(&bar.radii).map(|(before, after)| before - after).sum();
                 prop_assert!((lost * GRID - shaving.area).abs() < 1e-6);
             }
+        }
+
+        #[test]
+        fn no_way_along_the_bar_takes_off_more_than_the_thickness_there(
+            ways in ways(),
+            nose in noses(),
+            (from, to, x) in (-25.0..5.0, -25.0..5.0, -1.0..9.0),
+        ) {
+            let mut bar = Profile::bar(14.0, 20.0);
+            for (from, to) in ways {
+                bar.cut(&nose, from, to);
+            }
+            let (from, to) = (Place { z: from, x }, Place { z: to, x });
+            bar.cut(&nose, from, from);
+            let thickest = bar.thickest(&nose, from, to);
+            let shaving = bar.cut(&nose, from, to);
+            prop_assert!(shaving.thickest <= thickest);
+            prop_assert!(shaving.area <= thickest * ((to.z - from.z).abs() + 2.0 * GRID));
         }
 
         #[test]

@@ -102,6 +102,8 @@ pub struct Turning {
     /// Where a straight way along the bar began on which nothing can happen but a deep cut: it is cut at once when it
     /// is long enough, as most of what a nose sweeps on a short one it sweeps again on the next.
     began: Option<Place>,
+    /// Up to here that way cannot be a deep cut.
+    shallow: Place,
     /// When each axis moved last, in s.
     moved: Place,
     rpm: f64,
@@ -121,6 +123,7 @@ impl Turning {
             at: 0.0,
             place,
             began: None,
+            shallow: place,
             moved: Place::default(),
             rpm: 0.0,
             cut: (0.0, 0.0),
@@ -144,9 +147,16 @@ impl Turning {
         let onward = (to.z - self.place.z) * (self.place.z - began.z) >= 0.0;
         let harmless = self.rpm != 0.0 && feed <= self.limits.feed && beyond <= 0.0;
         if harmless && onward && to.x == self.place.x {
+            if self.began.is_none() {
+                self.shallow = began;
+            }
             (self.at, self.place, self.began) = (at, to, Some(began));
-            if (to.z - began.z).abs() >= MEAN_OVER {
-                self.catch_up();
+            if (to.z - self.shallow.z).abs() >= MEAN_OVER {
+                if self.is_shallow(self.shallow, to) {
+                    self.shallow = to;
+                } else {
+                    self.catch_up();
+                }
             }
             return;
         }
@@ -170,10 +180,22 @@ impl Turning {
 
     /// Cuts what has been gone and not cut yet.
     fn catch_up(&mut self) {
-        if let Some(from) = self.began.take() {
+        let Some(began) = self.began.take() else { return };
+        let from = self.shallow;
+        if from != began {
+            self.profile.cut(&self.nose, began, from);
+        }
+        if from != self.place {
             let shaving = self.profile.cut(&self.nose, from, self.place);
             self.watch_depth(shaving.area, from);
         }
+    }
+
+    /// Whether no part of a way of [`MEAN_OVER`] or more can be too deep a cut: a convex nose takes off no more area for
+    /// each mm of way than the bar is thick there. (A tenth is for the points, which are not infinitely close.)
+    fn is_shallow(&self, from: Place, to: Place) -> bool {
+        let Some(limit) = self.limits.depth else { return true };
+        self.cut.0 == 0.0 && self.profile.thickest(&self.nose, from, to) <= 0.9 * limit
     }
 
     /// The feed that is certain: at least the way less a count has been gone since the axis was last seen to move.

@@ -216,8 +216,12 @@ impl Receiver {
         self.least_lookahead = Span::from_nanos(u64::MAX);
     }
 
+    fn last_vote(&self) -> u64 {
+        self.votes.last().copied().unwrap_or(0)
+    }
+
     fn last_sample(&self) -> u64 {
-        (BITS_PER_CHARACTER - 1) * self.per_bit + self.votes.last().copied().unwrap_or(0)
+        (BITS_PER_CHARACTER - 1) * self.per_bit + self.last_vote()
     }
 
     /// Drops the conclusions that an edge at `at` can change.
@@ -255,14 +259,16 @@ impl Receiver {
                 continue;
             }
             let delivery = self.instant(&ticks, start + self.last_sample());
-            let level = |cell| self.level(&ticks, start, cell);
+            // A nanosecond more than the votes of a cell lie apart, for the rounding of ticks.
+            let apart = ticks.span(self.last_vote() - self.votes.first().copied().unwrap_or(0)) + Span::from_nanos(1);
+            let level = |cell| self.level(&ticks, start, cell, apart);
             let attempt = if level(0) == Level::Low {
                 let byte = (1..=8).rev().fold(0, |byte, bit| byte << 1 | (level(bit) == Level::High) as u8);
                 let framing_error = level(9) == Level::Low;
                 let character = Character { byte, framing_error, overrun: false };
                 Attempt { fall, until: delivery, delivery, character: Some(character) }
             } else {
-                let checked = self.instant(&ticks, start + self.votes.last().copied().unwrap_or(0));
+                let checked = self.instant(&ticks, start + self.last_vote());
                 Attempt { fall, until: checked, delivery, character: None }
             };
             self.attempts.push_back(attempt);
@@ -273,13 +279,14 @@ impl Receiver {
     /// The majority of the readings in bit cell `cell` of a character that started at tick `start`. A sample reads what
     /// the line was just before it (ours): no edge at the instant of the last sample can then change the character that
     /// is handed over at that instant.
-    fn level(&self, ticks: &Ticks, start: u64, cell: u64) -> Level {
+    fn level(&self, ticks: &Ticks, start: u64, cell: u64, apart: Span) -> Level {
         let tick = |vote: u64| self.instant(ticks, start + cell * self.per_bit + vote);
         // Nearly always all votes are one.
-        if let [first, .., last] = self.votes
-            && let Some(level) = self.line.steady(tick(*first), tick(*last))
-        {
-            return level;
+        if let [first, _, ..] = self.votes {
+            let first = tick(*first);
+            if let Some(level) = self.line.steady(first, first + apart) {
+                return level;
+            }
         }
         let read = |vote: &&u64| self.line.level_before(tick(**vote)) == Level::High;
         let high = self.votes.iter().filter(read).count();

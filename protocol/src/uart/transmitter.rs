@@ -84,10 +84,13 @@ impl Transmitter {
     }
 
     /// Loads the shift register at `now`, if it is free and a byte is queued.
+    #[inline]
     pub fn load(&mut self, now: Instant) -> Option<Loaded> {
-        if now < self.free_at {
-            return None;
-        }
+        // Boards ask far more often than there is something to load.
+        if now < self.free_at || self.queue.is_empty() { None } else { self.load_next(now) }
+    }
+
+    fn load_next(&mut self, now: Instant) -> Option<Loaded> {
         let byte = self.queue.pop_front()?;
         let bit = self.bits_from(now);
         let end = bit(BITS_PER_CHARACTER);
