@@ -158,7 +158,9 @@ impl Ring {
                 rounds += 1;
                 assert!(rounds < 100_000, "no progress");
             }
-            while let Some(fault) = faults.pop_front_if(|fault| fault.asked == limit) {
+            while faults.front().is_some_and(|fault| fault.asked == limit)
+                && let Some(fault) = faults.pop_front()
+            {
                 let (id, at) = engine.disturb(fault.line, fault.from, &fault.what);
                 assert_eq!(at, fault.from);
                 fault.until.map(|until| engine.heal(id, until));
