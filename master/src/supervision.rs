@@ -132,14 +132,21 @@ impl Supervision {
 
     /// The slave sent a byte.
     pub(crate) fn byte(&mut self, now: Instant, byte: u8) -> Report {
-        match (self.awaiting.take(), byte) {
-            (Some(ACK), letter) if let Some(parity) = Parity::from_letter(letter) => self.acknowledged(now, parity),
-            (Some(CAN), letter) if let Some(fault) = Fault::from_letter(letter) => self.failed(fault),
-            (broken, ACK | CAN) => {
+        let begun = self.awaiting.take();
+        let told = match begun {
+            Some(ACK) => Parity::from_letter(byte).map(|parity| self.acknowledged(now, parity)),
+            Some(CAN) => Fault::from_letter(byte).map(|fault| self.failed(fault)),
+            _ => None,
+        };
+        if let Some(report) = told {
+            return report;
+        }
+        match byte {
+            ACK | CAN => {
                 self.awaiting = Some(byte);
-                if broken.is_some() { Report::OutOfPlace } else { Report::Nothing }
+                if begun.is_some() { Report::OutOfPlace } else { Report::Nothing }
             }
-            (_, BEL) => self.busy(now),
+            BEL => self.busy(now),
             _ => Report::OutOfPlace,
         }
     }

@@ -200,13 +200,16 @@ impl<B: Board> Cell<B> {
     }
 
     fn stimulus(&mut self, at: Instant, stimulus: Stimulus, emit: &mut impl FnMut(Instant, Output)) {
+        if let (Stimulus::Reset | Stimulus::Power(_), Some(missed)) = (&stimulus, &mut self.stopped) {
+            missed.push(stimulus);
+            return;
+        }
         match stimulus {
             Stimulus::Stop(true) => _ = self.stopped.get_or_insert_default(),
             Stimulus::Stop(false) => {
                 let missed = self.stopped.take().unwrap_or_default();
                 missed.into_iter().for_each(|stimulus| self.stimulus(at, stimulus, emit));
             }
-            Stimulus::Reset | Stimulus::Power(_) if let Some(missed) = &mut self.stopped => missed.push(stimulus),
             Stimulus::Hang(true) => self.hung += 1,
             Stimulus::Hang(false) => self.hung = self.hung.saturating_sub(1),
             Stimulus::Slow(slow) => {

@@ -107,7 +107,9 @@ impl Board for Echo {
 
     fn handle_timeout(&mut self, now: Instant) {
         self.now = now;
-        while let Some((_, port, byte)) = self.due.pop_front_if(|(at, ..)| *at <= now) {
+        while self.due.front().is_some_and(|(at, ..)| *at <= now)
+            && let Some((_, port, byte)) = self.due.pop_front()
+        {
             self.uarts[usize::from(port)].push(byte);
         }
         self.load();

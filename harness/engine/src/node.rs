@@ -193,7 +193,8 @@ impl Node {
 
     /// Takes the first of what it has told, if that lies before `until`.
     pub(super) fn take_told(&mut self, until: Instant) -> Option<Timed> {
-        let told = self.ahead.pop_front_if(|told| told.at < until)?;
+        self.ahead.front().filter(|told| told.at < until)?;
+        let told = self.ahead.pop_front()?;
         self.spoken -= usize::from(speaks(&told));
         Some(told)
     }
@@ -201,7 +202,9 @@ impl Node {
     /// What it has told of `from` and later no longer holds. Says whether there was anything.
     fn take_back(&mut self, from: Instant) -> bool {
         let before = self.ahead.len();
-        while let Some(told) = self.ahead.pop_back_if(|told| told.at >= from) {
+        while self.ahead.back().is_some_and(|told| told.at >= from)
+            && let Some(told) = self.ahead.pop_back()
+        {
             self.spoken -= usize::from(speaks(&told));
         }
         self.ahead.len() < before

@@ -188,7 +188,9 @@ impl Ring {
                 rounds += 1;
                 assert!(rounds < 100_000, "no progress");
             }
-            while let Some((_, request)) = requests.pop_front_if(|(asked, _)| *asked == limit) {
+            while requests.front().is_some_and(|(asked, _)| *asked == limit)
+                && let Some((_, request)) = requests.pop_front()
+            {
                 match request {
                     Request::Stimulus(n) => {
                         let (node, at, stimulus) = self.stimuli[n].clone();

@@ -110,7 +110,8 @@ pub fn merge(mut placed: Vec<(String, Run)>) -> Result<(Vec<Run>, Option<Missing
     }
     // Stable: of two that are the same, the one that was given first comes first.
     placed.sort_by_key(|(_, run)| run.number);
-    if let Some([(one, run), (other, _)]) = placed.array_windows().find(|[(_, a), (_, b)]| a.number == b.number) {
+    let mut pairs = placed.iter().zip(placed.iter().skip(1));
+    if let Some(((one, run), (other, _))) = pairs.find(|((_, a), (_, b))| a.number == b.number) {
         let (number, seed) = (run.number, run.seed);
         return Err(MergeError::Twice { one: one.clone(), other: other.clone(), number, seed });
     }

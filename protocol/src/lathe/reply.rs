@@ -197,27 +197,25 @@ impl ReplyDecoder {
     pub fn push(&mut self, byte: u8) -> Vec<Reply> {
         self.pending.push(byte);
         let reply = match self.pending[..] {
-            [ACK] => Reply::Ack,
-            [XOFF] => Reply::Xoff,
-            [XON] => Reply::Xon,
+            [ACK] => Some(Reply::Ack),
+            [XOFF] => Some(Reply::Xoff),
+            [XON] => Some(Reply::Xon),
             [NAK] | [CAN] => return Vec::new(),
             [CAN, party] if Party::from_letter(party).is_some() => return Vec::new(),
-            [NAK, letter] if let Some(refusal) = Refusal::from_letter(letter) => Reply::Nak(refusal),
-            [CAN, party, fault]
-                if let (Some(party), Some(fault)) = (Party::from_letter(party), Fault::from_letter(fault)) =>
-            {
-                Reply::Can(party, fault)
+            [NAK, letter] => Refusal::from_letter(letter).map(Reply::Nak),
+            [CAN, party, fault] => {
+                Party::from_letter(party).zip(Fault::from_letter(fault)).map(|(party, fault)| Reply::Can(party, fault))
             }
-            [byte] => Reply::Unknown(byte),
-            // Broken: the first byte is out of place; what follows may be a reply.
-            _ => {
-                let pending = core::mem::take(&mut self.pending);
-                let rest = pending[1..].iter().flat_map(|byte| self.push(*byte));
-                return core::iter::once(Reply::Unknown(pending[0])).chain(rest).collect();
-            }
+            [byte] => Some(Reply::Unknown(byte)),
+            _ => None,
         };
-        self.pending.clear();
-        vec![reply]
+        let pending = core::mem::take(&mut self.pending);
+        if let Some(reply) = reply {
+            return vec![reply];
+        }
+        // Broken: the first byte is out of place; what follows may be a reply.
+        let rest = pending[1..].iter().flat_map(|byte| self.push(*byte));
+        core::iter::once(Reply::Unknown(pending[0])).chain(rest).collect()
     }
 }
 

@@ -254,17 +254,15 @@ impl Lines {
         }
         let conversation = &mut self.slaves[slave as usize];
         let begun = conversation.awaiting.take();
-        let byte = heard.character.ok();
-        let (text, flaw) = match (begun, byte) {
-            (Some(ACK), Some(b)) if let Some(parity) = Parity::from_letter(b) => {
-                (format!("ACK: done ({parity})"), false)
-            }
-            (Some(CAN), Some(b)) if let Some(fault) = Fault::from_letter(b) => {
-                // Whoever has been given nothing has lost nothing.
-                (format!("CAN: failed ({fault})"), fault != Fault::Restarted || conversation.given)
-            }
-            _ => return self.begin_answer(heard, slave, begun),
+        let done = |parity| (format!("ACK: done ({parity})"), false);
+        // Whoever has been given nothing has lost nothing.
+        let failed = |fault| (format!("CAN: failed ({fault})"), fault != Fault::Restarted || conversation.given);
+        let told = match (begun, heard.character.ok()) {
+            (Some(ACK), Some(letter)) => Parity::from_letter(letter).map(done),
+            (Some(CAN), Some(letter)) => Fault::from_letter(letter).map(failed),
+            _ => None,
         };
+        let Some((text, flaw)) = told else { return self.begin_answer(heard, slave, begun) };
         conversation.busy = false;
         self.tell(heard.at, heard.line, text, flaw);
     }
