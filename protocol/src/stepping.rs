@@ -7,7 +7,7 @@
 
 use std::collections::VecDeque;
 
-use crate::board::{Board, Input, OfMotor, Output, Stimulus};
+use crate::board::{Board, Input, MotorStimulus, Output, Stimulus};
 use crate::record::{Batch, Heard, Silence, Timed, Turn};
 use crate::time::{Instant, Span};
 use crate::uart::{Character, Fifo, Receiver};
@@ -223,7 +223,7 @@ impl<B: Board> Cell<B> {
                 self.receivers.iter_mut().zip(&tuned).for_each(|(receiver, tuned)| receiver.retune(tuned, at));
             }
             Stimulus::Reset | Stimulus::Write(_) | Stimulus::Discard if self.off => {}
-            Stimulus::Drive(_) | Stimulus::Of(_, OfMotor::Drive(_)) if self.off => {}
+            Stimulus::Motor { what: MotorStimulus::Drive(_), .. } if self.off => {}
             _ => self.input(at, Input::Stimulus(stimulus), emit),
         }
     }
