@@ -169,6 +169,7 @@ fn actions(inputs: &[Input]) -> Vec<(Instant, Action)> {
 mod tests {
     use proptest::prelude::*;
     use proptest::test_runner::RngSeed;
+    use torno_protocol::board::MotorStimulus;
     use torno_protocol::clock::Clock;
     use torno_protocol::line::Level;
     use torno_protocol::time::Span;
@@ -250,7 +251,7 @@ mod tests {
             any::<bool>().prop_map(Stimulus::Hang),
             any::<bool>().prop_map(Stimulus::Stop),
             any::<bool>().prop_map(Stimulus::Power),
-            any::<bool>().prop_map(Stimulus::Stall),
+            any::<bool>().prop_map(|value| MotorStimulus::Stall(value).of(0)),
             (0..500u64).prop_map(|us| Stimulus::Slow(Span::from_micros(us))),
             (-40_000_000..40_000_000).prop_map(|ppb| Stimulus::Clock(Clock::from_ppb(ppb).unwrap())),
             Just(Stimulus::Write(vec![0x0a, 0xe1, 0, 0xe1, 0, 0, 1, 0])),
@@ -311,9 +312,9 @@ mod tests {
     #[test]
     fn a_second_cut_does_not_bring_back_what_the_first_has_swallowed() {
         let deeds = [
-            (143_206, 0, Ok(Stimulus::Stall(false))),
+            (143_206, 0, Ok(MotorStimulus::Stall(false).of(0))),
             (60_910, 0, Err(Disturbance::Stuck(Level::High))),
-            (217_854, 0, Ok(Stimulus::Stall(false))),
+            (217_854, 0, Ok(MotorStimulus::Stall(false).of(0))),
             (1_869, 0, Err(Disturbance::Cut)),
             (838, 0, Ok(Stimulus::Write(vec![10, 225, 0, 225, 0, 0, 1, 0]))),
             (59_334, 0, Ok(Stimulus::Reset)),

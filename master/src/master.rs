@@ -2,7 +2,7 @@
 //!
 //! The slaves' ports follow that of the PC, in the order of [`Slave::ALL`].
 
-use torno_protocol::board::{Board, Deadline, Description, Heeds, Input, Output, Stimulus, Wait};
+use torno_protocol::board::{Board, Capability, Deadline, Description, Input, Output, Stimulus, Wait};
 use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{CHARACTER, ENQ, Fault, Frame, RATE, Slave};
 use torno_protocol::settings;
@@ -305,7 +305,7 @@ impl Board for Master {
             signals: Reception::signals(),
             events: Reception::events().into_iter().chain(Event::TEXTS.map(str::to_owned)).collect(),
             waits: vec![Wait { signal: Reception::BUSY, ports: vec![1, 2, 3] }],
-            heeds: vec![Heeds::Reset],
+            capabilities: vec![Capability::Reset],
             motors: Vec::new(),
         }
     }

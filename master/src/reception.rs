@@ -3,7 +3,7 @@
 
 use std::collections::VecDeque;
 
-use torno_protocol::board::{Output, Signal};
+use torno_protocol::board::{Output, Role, Signal};
 use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{Fault, Frame, Party, RATE, Refusal, Reply, Slave, XOFF, XON};
 use torno_protocol::time::{Instant, Span};
@@ -69,10 +69,6 @@ enum Quantity {
     SlavesBusy,
 }
 
-impl Quantity {
-    const NAMES: [&str; 3] = ["frames_distributed", "frame_held", "slaves_busy"];
-}
-
 /// The events. Refusals come after these, one each.
 #[derive(Clone, Copy)]
 enum Event {
@@ -123,7 +119,8 @@ impl Reception {
 
     /// The quantities in its telemetry. A board's own come after them.
     pub fn signals() -> Vec<Signal> {
-        Quantity::NAMES.map(|name| Signal::new(name, 0)).to_vec()
+        let state = |name| Signal::new(name, 0).with_role(Role::State);
+        vec![Signal::new("frames_distributed", 0), state("frame_held"), state("slaves_busy")]
     }
 
     /// The texts of its events.

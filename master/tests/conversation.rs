@@ -4,7 +4,7 @@
 
 use proptest::prelude::*;
 use torno_master::{Master, MasterSettings};
-use torno_protocol::board::{Board, Heeds, Output, Stimulus, Wait, event_text};
+use torno_protocol::board::{Board, Capability, Output, Stimulus, Wait, event_text};
 use torno_protocol::clock::{Clock, Rate};
 use torno_protocol::lathe::{ACK, BEL, CAN, CHARACTER, ENQ, NAK, RATE, Slave, XOFF, XON};
 use torno_protocol::record::Heard;
@@ -651,7 +651,7 @@ fn it_says_what_it_is() {
     assert_eq!(names, ["frames_distributed", "frame_held", "slaves_busy"]);
     assert!(description.signals.iter().all(|signal| signal.initial == 0));
     assert_eq!(description.waits, [Wait { signal: 2, ports: vec![1, 2, 3] }]);
-    assert_eq!((description.heeds, description.events.len()), (vec![Heeds::Reset], 20));
+    assert_eq!((description.capabilities, description.events.len()), (vec![Capability::Reset], 20));
 }
 
 #[test]

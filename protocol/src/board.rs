@@ -80,8 +80,13 @@ pub enum Stimulus {
     Hang(bool),
     /// The firmware starts anew. The plant stays where it is.
     Reset,
-    /// The motor's shaft is blocked (`true`) or free again.
-    Stall(bool),
+    /// Something happens to a motor, or to what it moves. Boards without this motor ignore it.
+    Motor {
+        /// The motor's place in [`Description::motors`].
+        motor: u8,
+        /// What.
+        what: MotorStimulus,
+    },
     /// The program behind a PC's UART writes bytes to be sent.
     Write(Vec<u8>),
     /// The program behind a PC's UART discards what has not been sent.
@@ -110,81 +115,43 @@ pub enum Stimulus {
     /// The oscillator has this error from now on. UARTs keep to the old one up to the end of the character under way,
     /// timers up to the deadline that is set.
     Clock(Clock),
-    /// The encoder at once loses (negative) or invents (positive) so many counts, in the sense in which it counted
-    /// last. The firmware finds out when it next looks. Boards without an encoder ignore it.
-    Counts(i32),
-    /// A load on the motor's shaft that opposes motion in either sense and never causes any, in per mille of the torque
-    /// at standstill with full drive and nominal supply; 0 (and below) is none. Boards without a motor ignore it.
-    Load(i32),
-    /// The motor's supply, in per mille of nominal; 1000 heals. Boards without a motor ignore it.
-    Supply(u16),
-    /// Dead travel between an axis's motor and its carriage, in counts of its encoder; 0 heals. Others ignore it.
-    Backlash(u16),
-    /// Something hard (a chip, a clamp) stops an axis's carriage so many counts from mid-travel, on the side given by
-    /// the sign; one that is beyond it already, where it stands. One a side; 0 removes both. Others ignore it.
-    EndStop(i32),
     /// The board's process is stopped (`true`) or goes on: a hang during which nothing can come from the board. So
     /// a [`Stimulus::Reset`] or [`Stimulus::Power`] that falls into it happens when the process goes on. The stepping
     /// loop sees to it; boards are not told.
     Stop(bool),
+}
+
+/// What can happen to a motor, or to what it moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum MotorStimulus {
+    /// The shaft is blocked (`true`) or free again.
+    Stall(bool),
+    /// The encoder at once loses (negative) or invents (positive) so many counts, in the sense in which it counted
+    /// last. The firmware finds out when it next looks.
+    Counts(i32),
+    /// A load on the motor's shaft that opposes motion in either sense and never causes any, in per mille of the torque
+    /// at standstill with full drive and nominal supply; 0 (and below) is none.
+    Load(i32),
+    /// The motor's supply, in per mille of nominal; 1000 heals.
+    Supply(u16),
+    /// Dead travel between an axis's motor and its carriage, in counts of its encoder; 0 heals. Motors
+    /// without an axis ignore it.
+    Backlash(u16),
+    /// Something hard (a chip, a clamp) stops an axis's carriage so many counts from mid-travel, on the side given by
+    /// the sign; one that is beyond it already, where it stands. One a side; 0 removes both. Motors without
+    /// an axis ignore it.
+    EndStop(i32),
     /// The service mode in which motors are characterised: the firmware drives with so many per mille of full drive,
     /// negative the other way round, from now on and whatever its control law says, which stands still meanwhile; 0 and
-    /// a reset end it. (Ours: the paper's motors were characterised on the bench, by hand.) Boards without a motor
-    /// ignore it; one that drives in one sense only takes a negative one for none.
-    Drive(i32),
-    /// Something happens to one of the board's several motors, the one at this place in [`Description::motors`]. Said
-    /// of no motor, it means nothing to such a board; other boards ignore this.
-    Of(u8, OfMotor),
-}
-
-/// What can happen to one of several motors: the stimuli of these names. (A type of its own, so that no record nests.)
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub enum OfMotor {
-    /// [`Stimulus::Stall`].
-    Stall(bool),
-    /// [`Stimulus::Counts`].
-    Counts(i32),
-    /// [`Stimulus::Load`].
-    Load(i32),
-    /// [`Stimulus::Supply`].
-    Supply(u16),
-    /// [`Stimulus::Backlash`].
-    Backlash(u16),
-    /// [`Stimulus::EndStop`].
-    EndStop(i32),
-    /// [`Stimulus::Drive`].
+    /// a reset end it. (Ours: the paper's motors were characterised on the bench, by hand.) One that drives in one
+    /// sense only takes a negative one for none.
     Drive(i32),
 }
 
-impl Stimulus {
-    /// The same for the motor at this place among a board's several; what is about no motor stays as it is.
-    #[must_use]
-    pub fn of(self, motor: u8) -> Self {
-        let what = match self {
-            Self::Stall(blocked) => OfMotor::Stall(blocked),
-            Self::Counts(counts) => OfMotor::Counts(counts),
-            Self::Load(load) => OfMotor::Load(load),
-            Self::Supply(supply) => OfMotor::Supply(supply),
-            Self::Backlash(counts) => OfMotor::Backlash(counts),
-            Self::EndStop(counts) => OfMotor::EndStop(counts),
-            Self::Drive(drive) => OfMotor::Drive(drive),
-            other => return other,
-        };
-        Self::Of(motor, what)
-    }
-}
-
-impl From<OfMotor> for Stimulus {
-    fn from(what: OfMotor) -> Self {
-        match what {
-            OfMotor::Stall(blocked) => Self::Stall(blocked),
-            OfMotor::Counts(counts) => Self::Counts(counts),
-            OfMotor::Load(load) => Self::Load(load),
-            OfMotor::Supply(supply) => Self::Supply(supply),
-            OfMotor::Backlash(counts) => Self::Backlash(counts),
-            OfMotor::EndStop(counts) => Self::EndStop(counts),
-            OfMotor::Drive(drive) => Self::Drive(drive),
-        }
+impl MotorStimulus {
+    /// It happens to the motor at this place in [`Description::motors`].
+    pub const fn of(self, motor: u8) -> Stimulus {
+        Stimulus::Motor { motor, what: self }
     }
 }
 
@@ -241,19 +208,19 @@ pub struct Description {
     pub events: Vec<String>,
     /// What tells which boards it waits for.
     pub waits: Vec<Wait>,
-    /// What it heeds of the stimuli that mean nothing to some boards.
-    pub heeds: Vec<Heeds>,
-    /// Its motors, if it has several: each is told by [`Stimulus::Of`] what happens to it.
+    /// What it can do that some boards cannot.
+    pub capabilities: Vec<Capability>,
+    /// Its motors.
     pub motors: Vec<Motor>,
 }
 
-/// One of several motors of a board.
+/// A motor of a board.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Motor {
-    /// Its name.
+    /// Its name, unique on the board.
     pub name: String,
-    /// What it heeds.
-    pub heeds: Vec<Heeds>,
+    /// What it can do that some motors cannot.
+    pub capabilities: Vec<Capability>,
 }
 
 /// A quantity whose bits tell what a board waits for.
@@ -265,31 +232,95 @@ pub struct Wait {
     pub ports: Vec<u8>,
 }
 
-/// Stimuli that mean something only to boards that have what they are about.
+/// What makes a stimulus mean something to a board or a motor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Heeds {
-    /// [`Stimulus::Reset`]: it has firmware.
+pub enum Capability {
+    /// [`Stimulus::Reset`]: the board has firmware.
     Reset,
-    /// [`Stimulus::Stall`], [`Stimulus::Counts`], [`Stimulus::Load`] and [`Stimulus::Supply`]: it has a motor and an
-    /// encoder.
+    /// [`MotorStimulus::Stall`], [`MotorStimulus::Counts`], [`MotorStimulus::Load`] and [`MotorStimulus::Supply`]: it
+    /// is a motor with an encoder.
     Motor,
-    /// [`Stimulus::Backlash`] and [`Stimulus::EndStop`]: its motor drives an axis.
+    /// [`MotorStimulus::Backlash`] and [`MotorStimulus::EndStop`]: the motor drives an axis.
     Axis,
 }
 
 /// A quantity in a board's telemetry.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Signal {
-    /// Its name, with the unit last: `speed_rpm`.
+    /// Its name, for people. Nothing is read out of it.
     pub name: String,
     /// Its value before the first telemetry.
     pub initial: i64,
+    /// Its unit; empty if it has none.
+    pub unit: String,
+    /// What it is.
+    pub role: Role,
+    /// The motor that it is about, by its place in [`Description::motors`].
+    pub motor: Option<u8>,
+}
+
+/// What a quantity is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum Role {
+    /// What a motor's speed or position is to be.
+    SetPoint,
+    /// Where a motor is, as its firmware counts.
+    Position,
+    /// How fast a motor turns.
+    Speed,
+    /// How strongly a motor is driven.
+    Drive,
+    /// The following error: the set point less what came of it.
+    Error,
+    /// How far a motor still has to go.
+    Remaining,
+    /// How far a carriage is from where its firmware believes it to be.
+    Offset,
+    /// What a board is at: a number that stands for something, or its bits do.
+    State,
+    /// None of these.
+    #[default]
+    Other,
 }
 
 impl Signal {
-    /// A quantity that is `initial` at the start.
+    /// A quantity that is `initial` at the start. Nothing else is known of it.
     pub fn new(name: &str, initial: i64) -> Self {
-        Self { name: name.to_owned(), initial }
+        Self { name: name.to_owned(), initial, unit: String::new(), role: Role::Other, motor: None }
+    }
+
+    /// The same in this unit.
+    #[must_use]
+    pub fn with_unit(self, unit: &str) -> Self {
+        Self { unit: unit.to_owned(), ..self }
+    }
+
+    /// The same with this role.
+    #[must_use]
+    pub fn with_role(self, role: Role) -> Self {
+        Self { role, ..self }
+    }
+
+    /// The same of the motor at this place in [`Description::motors`].
+    #[must_use]
+    pub fn of_motor(self, motor: u8) -> Self {
+        Self { motor: Some(motor), ..self }
+    }
+}
+
+impl Description {
+    /// The place of the quantity of a motor that has this role and, if that is asked for, this unit.
+    pub fn signal(&self, motor: u8, role: Role, unit: Option<&str>) -> Option<u8> {
+        let is_it = |signal: &Signal| {
+            (signal.motor, signal.role) == (Some(motor), role) && unit.is_none_or(|unit| signal.unit == unit)
+        };
+        self.signals.iter().position(is_it).and_then(|place| u8::try_from(place).ok())
+    }
+
+    /// The name of one of several motors; none if it is the board's only one, which the board's name stands for.
+    pub fn motor_name(&self, motor: u8) -> Option<&str> {
+        let several = &self.motors[..];
+        several.get(usize::from(motor)).filter(|_| several.len() > 1).map(|motor| motor.name.as_str())
     }
 }
 
@@ -304,23 +335,28 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_happens_to_one_of_several_motors_is_what_happens_to_the_only_one() {
-        let of_a_motor = [
-            (Stimulus::Stall(true), OfMotor::Stall(true)),
-            (Stimulus::Counts(-3), OfMotor::Counts(-3)),
-            (Stimulus::Load(4), OfMotor::Load(4)),
-            (Stimulus::Supply(5), OfMotor::Supply(5)),
-            (Stimulus::Backlash(6), OfMotor::Backlash(6)),
-            (Stimulus::EndStop(-7), OfMotor::EndStop(-7)),
-            (Stimulus::Drive(8), OfMotor::Drive(8)),
+    fn a_motors_quantity_is_found_by_its_role_and_unit() {
+        let speed = |unit: &str, motor| Signal::new("name", 0).with_unit(unit).with_role(Role::Speed).of_motor(motor);
+        let signals = vec![
+            Signal::new("name", 0),
+            speed("counts", 0),
+            speed("rpm", 0),
+            speed("rpm", 1).with_role(Role::SetPoint),
         ];
-        for (stimulus, what) in of_a_motor {
-            assert_eq!(stimulus.clone().of(2), Stimulus::Of(2, what));
-            assert_eq!(Stimulus::from(what), stimulus);
-        }
-        for other in [Stimulus::Reset, Stimulus::Power(false), Stimulus::Of(1, OfMotor::Load(9))] {
-            assert_eq!(other.clone().of(2), other);
-        }
+        let motor = |name: &str| Motor { name: name.to_owned(), capabilities: Vec::new() };
+        let description = Description { signals, motors: vec![motor("x")], ..Description::default() };
+        let places = [
+            description.signal(0, Role::Speed, None),
+            description.signal(0, Role::Speed, Some("rpm")),
+            description.signal(0, Role::Speed, Some("mm")),
+            description.signal(0, Role::SetPoint, None),
+            description.signal(1, Role::SetPoint, None),
+            description.signal(1, Role::Speed, None),
+        ];
+        assert_eq!(places, [Some(1), Some(2), None, None, Some(3), None]);
+        assert_eq!(description.motor_name(0), None, "the board's name stands for it");
+        let two = Description { motors: vec![motor("x"), motor("y")], ..Description::default() };
+        assert_eq!([0, 1, 2].map(|motor| two.motor_name(motor)), [Some("x"), Some("y"), None]);
     }
 
     #[test]

@@ -17,7 +17,7 @@ use crate::uart::Ear;
 
 /// The version of these records. Harness and board must have the same: they are one program, and a board that runs
 /// elsewhere says in its answer which version it speaks.
-pub const VERSION: u16 = 5;
+pub const VERSION: u16 = 6;
 
 /// The longest record that is accepted, in bytes.
 pub const LENGTH_MAX: usize = 16 << 20;
@@ -229,6 +229,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::board::{Capability, Motor, MotorStimulus, Role, Signal, Wait};
     use crate::line::Level;
 
     fn turn() -> ToBoard {
@@ -239,10 +240,44 @@ mod tests {
 
     /// Byte-exact: if this fails, the version must change, not the test.
     #[test]
-    fn version_5_of_a_turn() {
+    fn version_6_of_a_turn() {
         let mut buffer = BytesMut::new();
         encode(&turn(), &mut buffer).unwrap();
         assert_eq!(buffer[..], [11, 0, 0, 0, 1, 128, 1, 0, 1, 0, 2, 1, 172, 2, 0]);
+    }
+
+    /// Byte-exact, as the turn.
+    #[test]
+    fn version_6_of_a_description_and_of_what_happens_to_a_motor() {
+        let bytes = |record: &[u8]| [&(record.len() as u32).to_le_bytes(), record].concat();
+        let heard = Heard::Stimulus { at: Instant::from_nanos(5), stimulus: MotorStimulus::EndStop(-2).of(1) };
+        let mut buffer = BytesMut::new();
+        encode(&ToBoard::Heard(vec![heard]), &mut buffer).unwrap();
+        assert_eq!(buffer[..], bytes(&[2, 1, 2, 5, 2, 1, 5, 3]));
+
+        let signal = Signal::new("s", -1).with_unit("rpm").with_role(Role::Drive).of_motor(2);
+        let motor = Motor { name: "m".to_owned(), capabilities: vec![Capability::Motor, Capability::Axis] };
+        let description = Description {
+            ports: vec!["p".to_owned()],
+            signals: vec![signal, Signal::new("t", 0)],
+            events: vec!["e".to_owned()],
+            waits: vec![Wait { signal: 1, ports: vec![3] }],
+            capabilities: vec![Capability::Reset],
+            motors: vec![motor],
+        };
+        let mut buffer = BytesMut::new();
+        encode(&FromBoard::Ready { version: VERSION, description }, &mut buffer).unwrap();
+        let parts: [&[u8]; 8] = [
+            &[0, 6],
+            b"\x01\x01p",
+            b"\x02\x01s\x01\x03rpm\x03\x01\x02",
+            b"\x01t\0\0\x08\0",
+            b"\x01\x01e",
+            &[1, 1, 1, 3],
+            &[1, 0],
+            b"\x01\x01m\x02\x01\x02",
+        ];
+        assert_eq!(buffer[..], bytes(&parts.concat()));
     }
 
     #[test]

@@ -7,7 +7,7 @@
 
 use std::collections::VecDeque;
 
-use crate::board::{Board, Input, OfMotor, Output, Stimulus};
+use crate::board::{Board, Input, MotorStimulus, Output, Stimulus};
 use crate::record::{Batch, Heard, Silence, Timed, Turn};
 use crate::time::{Instant, Span};
 use crate::uart::{Character, Fifo, Receiver};
@@ -228,7 +228,7 @@ impl<B: Board> Cell<B> {
                 self.note_coming();
             }
             Stimulus::Reset | Stimulus::Write(_) | Stimulus::Discard if self.off => {}
-            Stimulus::Drive(_) | Stimulus::Of(_, OfMotor::Drive(_)) if self.off => {}
+            Stimulus::Motor { what: MotorStimulus::Drive(_), .. } if self.off => {}
             _ => self.input(at, Input::Stimulus(stimulus), emit),
         }
     }

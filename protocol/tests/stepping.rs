@@ -6,7 +6,7 @@
 use std::collections::VecDeque;
 
 use proptest::prelude::*;
-use torno_protocol::board::{Board, Deadline, Description, Input, OfMotor, Output, Stimulus};
+use torno_protocol::board::{Board, Deadline, Description, Input, MotorStimulus, Output, Stimulus};
 use torno_protocol::clock::{Clock, Rate};
 use torno_protocol::record::{Heard, Timed, Turn};
 use torno_protocol::stepping::{Cell, Stepper};
@@ -96,7 +96,7 @@ impl Board for Echo {
                 self.uarts.iter_mut().zip(&Self::uarts(clock)).for_each(|(uart, tuned)| uart.keep_pace_with(tuned));
             }
             // Of this board it means: another speed on the port.
-            Input::Stimulus(Stimulus::Load(baud)) => {
+            Input::Stimulus(Stimulus::Motor { what: MotorStimulus::Load(baud), .. }) => {
                 self.hard_baud = Rate::hz(baud.unsigned_abs());
                 self.replaced = Some((HARD, Receiver::hardware(self.hard_baud, self.clock)));
             }
@@ -201,21 +201,21 @@ fn a_character_reaches_the_board_by_the_port_that_it_came_by() {
 
 #[test]
 fn everything_before_an_instant_is_run_and_nothing_at_it() {
-    let mut cell = cell(&[stimulus(10, Stimulus::Supply(1)), stimulus(20, Stimulus::Supply(2))]);
+    let mut cell = cell(&[stimulus(10, MotorStimulus::Supply(1).of(0)), stimulus(20, MotorStimulus::Supply(2).of(0))]);
     assert_eq!(cell.poll_timeout(), Some(ms(10)));
     run(&mut cell, ms(10));
     assert_eq!(stimuli(&cell), []);
     run(&mut cell, ms(20));
-    assert_eq!((stimuli(&cell), cell.poll_timeout()), (vec![(10, Stimulus::Supply(1))], Some(ms(20))));
+    assert_eq!((stimuli(&cell), cell.poll_timeout()), (vec![(10, MotorStimulus::Supply(1).of(0))], Some(ms(20))));
 }
 
 #[test]
 fn stimuli_are_ordered_by_instant_and_those_of_one_instant_by_arrival() {
     let told = [(20, 1), (10, 2), (20, 3), (10, 4), (15, 5)];
-    let mut cell = cell(&told.map(|(at, n)| stimulus(at, Stimulus::Supply(n))));
+    let mut cell = cell(&told.map(|(at, n)| stimulus(at, MotorStimulus::Supply(n).of(0))));
     run(&mut cell, ms(30));
     let expected = [(10, 2), (10, 4), (15, 5), (20, 1), (20, 3)];
-    assert_eq!(stimuli(&cell), expected.map(|(at, n)| (at, Stimulus::Supply(n))));
+    assert_eq!(stimuli(&cell), expected.map(|(at, n)| (at, MotorStimulus::Supply(n).of(0))));
 }
 
 #[test]
@@ -293,13 +293,13 @@ fn a_restart_that_falls_into_a_stop_happens_when_the_process_goes_on() {
     let mut cell = cell(&[
         stimulus(5, Stimulus::Stop(true)),
         stimulus(10, Stimulus::Reset),
-        stimulus(11, Stimulus::Supply(3)),
+        stimulus(11, MotorStimulus::Supply(3).of(0)),
         stimulus(12, Stimulus::Power(false)),
         stimulus(30, Stimulus::Stop(false)),
         stimulus(40, Stimulus::Stop(false)),
     ]);
     run(&mut cell, ms(100));
-    let expected = [(11, Stimulus::Supply(3)), (30, Stimulus::Reset), (30, Stimulus::Power(false))];
+    let expected = [(11, MotorStimulus::Supply(3).of(0)), (30, Stimulus::Reset), (30, Stimulus::Power(false))];
     assert_eq!(stimuli(&cell), expected);
 }
 
@@ -317,13 +317,14 @@ fn slow_firmware_keeps_the_last_character_of_a_software_uart_only() {
 #[test]
 fn without_supply_a_board_is_told_of_its_plant_and_its_oscillator_only() {
     let clock = Stimulus::Clock(Clock::from_ppb(1_000_000).unwrap());
-    let reaches = [Stimulus::Supply(1), Stimulus::Stall(true), clock, Stimulus::Of(1, OfMotor::Load(3))];
+    let reaches =
+        [MotorStimulus::Supply(1).of(0), MotorStimulus::Stall(true).of(0), clock, MotorStimulus::Load(3).of(1)];
     let does_not = [
         Stimulus::Reset,
         Stimulus::Write(vec![1]),
         Stimulus::Discard,
-        Stimulus::Drive(5),
-        Stimulus::Of(1, OfMotor::Drive(5)),
+        MotorStimulus::Drive(5).of(0),
+        MotorStimulus::Drive(5).of(1),
         Stimulus::Power(false),
     ];
     let all = || reaches.iter().chain(&does_not).cloned();
@@ -343,7 +344,7 @@ fn without_supply_nothing_leaves_a_board_but_telemetry_and_its_lines_are_cut_onc
     let mut cell = cell(&[
         byte(HARD, 8, 7),
         stimulus(10, Stimulus::Power(false)),
-        stimulus(20, Stimulus::Supply(1)),
+        stimulus(20, MotorStimulus::Supply(1).of(0)),
         byte(HARD, 30, 8),
         stimulus(40, Stimulus::Power(true)),
         byte(HARD, 50, 9),
@@ -372,10 +373,10 @@ fn a_board_hears_by_its_new_clock_and_by_its_new_speed() {
         characters(&cell).first().map(|(_, _, byte, _)| *byte)
     };
     assert_eq!(cell_of(Stimulus::Clock(fast), fast_byte(10)), Some(0x55));
-    assert_ne!(cell_of(Stimulus::Supply(1), fast_byte(10)), Some(0x55));
+    assert_ne!(cell_of(MotorStimulus::Supply(1).of(0), fast_byte(10)), Some(0x55));
     let quick = bytes_at(HARD, ms(10), Rate::hz(19_200), &[0x55]).remove(0);
-    assert_eq!(cell_of(Stimulus::Load(19_200), quick.clone()), Some(0x55));
-    assert_ne!(cell_of(Stimulus::Supply(1), quick), Some(0x55));
+    assert_eq!(cell_of(MotorStimulus::Load(19_200).of(0), quick.clone()), Some(0x55));
+    assert_ne!(cell_of(MotorStimulus::Supply(1).of(0), quick), Some(0x55));
 }
 
 /// Since when the board is mute, in milliseconds, once all before `until` has been run.
@@ -390,7 +391,7 @@ fn a_board_is_mute_while_nothing_can_make_it_speak() {
     // A character on its line, an echo to come, a stimulus to come: run on until they are over.
     assert_eq!(mute_since(&[], 5), Some(0));
     assert_eq!(mute_since(&[byte(HARD, 10, 7)], 5), Some(13));
-    assert_eq!(mute_since(&[stimulus(10, Stimulus::Supply(1))], 5), Some(10));
+    assert_eq!(mute_since(&[stimulus(10, MotorStimulus::Supply(1).of(0))], 5), Some(10));
     // Hung, it is mute although an echo is due, and so is one without supply.
     for halts in [Stimulus::Hang(true), Stimulus::Stop(true), Stimulus::Power(false)] {
         assert_eq!(mute_since(&[byte(HARD, 10, 7), stimulus(12, halts)], 5), Some(12));
@@ -406,7 +407,7 @@ fn a_board_is_run_on_for_a_while_after_it_has_spoken() {
         let mut stepper = Stepper::new(Echo::new(Clock::TRUE));
         let mut heard: Vec<Heard> = echoes.iter().map(|at| byte(HARD, at - 4, 7)).collect();
         // Something that keeps it from being mute.
-        heard.push(stimulus(900, Stimulus::Supply(1)));
+        heard.push(stimulus(900, MotorStimulus::Supply(1).of(0)));
         let batch = stepper.turn(Turn { commit: Instant::START, until: ms(1), heard }).unwrap();
         batch.horizon.as_nanos() / 1_000_000
     };
@@ -429,9 +430,9 @@ fn acts() -> impl Strategy<Value = Vec<(u64, Act)>> {
         any::<bool>().prop_map(Stimulus::Power),
         (0..20u64).prop_map(|ms| Stimulus::Slow(Span::from_millis(ms))),
         (-50_000_000..50_000_000i32).prop_map(|ppb| Stimulus::Clock(Clock::from_ppb(ppb).unwrap())),
-        (4_000..20_000i32).prop_map(Stimulus::Load),
+        (4_000..20_000i32).prop_map(|value| MotorStimulus::Load(value).of(0)),
         Just(Stimulus::Reset),
-        Just(Stimulus::Supply(1)),
+        Just(MotorStimulus::Supply(1).of(0)),
     ];
     let act = prop_oneof![
         5 => (0..2u8, any::<u8>()).prop_map(|(port, byte)| Act::Byte(port, byte)),

@@ -1,12 +1,12 @@
 //! The infeed axis's board (§4): a slow motor that is switched on and off.
 
-use torno_protocol::board::Heeds;
+use torno_protocol::board::{Capability, Role, Signal};
 use torno_protocol::lathe::{DepthPart, Fault};
 use torno_protocol::time::Instant;
 
 use crate::control::OnOff;
 use crate::encoder::Encoder;
-use crate::machine::{Machine, Progress};
+use crate::machine::{Machine, Progress, quantity};
 use crate::plant::{Axis, Plant, PositionMotor};
 use crate::settings::DepthSettings;
 use crate::slave::Slave;
@@ -118,8 +118,13 @@ impl Machine for DepthMachine {
         (Self { axis, carriage: 0, firmware: Firmware::new(settings), service: 0 }, controller.poll_ms)
     }
 
-    fn signals(&self) -> [&'static str; 4] {
-        ["position_counts", "remaining_counts", "drive", "carriage_offset_counts"]
+    fn signals(&self) -> [Signal; 4] {
+        [
+            quantity("position_counts", Role::Position, "counts"),
+            quantity("remaining_counts", Role::Remaining, "counts"),
+            quantity("drive", Role::Drive, ""),
+            quantity("carriage_offset_counts", Role::Offset, "counts"),
+        ]
     }
 
     fn values(&self) -> [i64; 4] {
@@ -127,8 +132,8 @@ impl Machine for DepthMachine {
         [self.firmware.count, self.firmware.remaining(), self.drive(), offset]
     }
 
-    fn heeds(&self) -> &'static [Heeds] {
-        Axis::HEEDS
+    fn capabilities(&self) -> &'static [Capability] {
+        Axis::CAPABILITIES
     }
 
     fn plant(&mut self) -> &mut dyn Plant {

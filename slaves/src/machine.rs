@@ -1,6 +1,6 @@
 //! What one board's motor and firmware have and the others' have not.
 
-use torno_protocol::board::Heeds;
+use torno_protocol::board::{Capability, Role, Signal};
 use torno_protocol::lathe::Fault;
 use torno_protocol::time::Instant;
 
@@ -8,6 +8,9 @@ use crate::plant::Plant;
 
 /// How many quantities a machine shows in telemetry.
 pub(crate) const QUANTITIES: usize = 4;
+
+/// The name of a motor whose board has no other one.
+pub(crate) const ONLY_MOTOR: &str = "motor";
 
 /// A control law, and the plant that it drives.
 ///
@@ -28,14 +31,14 @@ pub trait Machine {
     where
         Self: Sized;
 
-    /// The quantities' names.
-    fn signals(&self) -> [&'static str; QUANTITIES];
+    /// The quantities, all of motor 0. At power-on each is 0: the firmware counts from where the axis stands.
+    fn signals(&self) -> [Signal; QUANTITIES];
 
     /// The quantities, as the firmware has them.
     fn values(&self) -> [i64; QUANTITIES];
 
-    /// What its plant heeds of the stimuli that mean nothing to some boards.
-    fn heeds(&self) -> &'static [Heeds];
+    /// What its motor can do.
+    fn capabilities(&self) -> &'static [Capability];
 
     /// What it drives.
     fn plant(&mut self) -> &mut dyn Plant;
@@ -49,7 +52,7 @@ pub trait Machine {
     fn sample(&mut self, now: Instant, busy: bool) -> Progress;
 
     /// The service mode: drives with so many per mille of full drive from now on, whatever the law says. See
-    /// [`Stimulus::Drive`](torno_protocol::board::Stimulus::Drive).
+    /// [`MotorStimulus::Drive`](torno_protocol::board::MotorStimulus::Drive).
     fn serve(&mut self, per_mille: i32);
 
     /// The firmware starts anew. The plant stays as it is, but for the drive, which is off.
@@ -62,6 +65,11 @@ pub trait Machine {
     fn is_on_watch(&self) -> bool {
         false
     }
+}
+
+/// A quantity of a board's only motor.
+pub(crate) fn quantity(name: &str, role: Role, unit: &str) -> Signal {
+    Signal::new(name, 0).with_unit(unit).with_role(role).of_motor(0)
 }
 
 /// How far a machine has got with its sub-frame.

@@ -26,13 +26,16 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use torno_protocol::board::{Board, Deadline, Description, Heeds, Input, Output, Signal, Stimulus};
+use torno_protocol::board::{
+    Board, Capability, Deadline, Description, Input, Motor, MotorStimulus, Output, Role, Signal, Stimulus,
+};
 use torno_protocol::clock::Clock;
 use torno_protocol::servo::{Command, CommandDecoder, Flaw, Heard, PRESENT, RATE, telemetry};
 use torno_protocol::time::Instant;
 use torno_protocol::uart::{Receiver, Transmitter};
 
 use crate::encoder::Encoder;
+use crate::machine::{ONLY_MOTOR, quantity};
 use crate::plant::{Axis, Plant, PositionMotor};
 use crate::schedule::Schedule;
 use crate::settings::{KvOn, ServoController, ServoSettings};
@@ -41,20 +44,8 @@ use crate::telemetry::Telemetry;
 /// The gains count in sixteenths. (Ours.)
 const GAIN: i64 = 16;
 
-/// The quantities in the telemetry; the last three are LEDs.
-const SIGNALS: [&str; 11] = [
-    "position_counts",
-    "set_point_counts",
-    "error_counts",
-    "drive",
-    "carriage_offset_counts",
-    "kx",
-    "kv",
-    "program_increments",
-    "led_program",
-    "led_running",
-    "led_fault",
-];
+/// How many quantities telemetry shows.
+const QUANTITIES: usize = 11;
 
 /// The events.
 #[derive(Clone, Copy, Debug)]
@@ -116,7 +107,7 @@ pub struct Servo {
     travel: i64,
     firmware: Firmware,
     now: Instant,
-    telemetry: Telemetry<{ SIGNALS.len() }>,
+    telemetry: Telemetry<QUANTITIES>,
     outputs: VecDeque<Output>,
 }
 
@@ -207,7 +198,7 @@ impl Servo {
             travel: travel as i64,
             firmware: Firmware::new(controller, 0),
             now: Instant::START,
-            telemetry: Telemetry::new([0; SIGNALS.len()]),
+            telemetry: Telemetry::new([0; QUANTITIES]),
             outputs: VecDeque::new(),
         };
         servo.telemetry = Telemetry::new(servo.values());
@@ -216,7 +207,26 @@ impl Servo {
         servo
     }
 
-    fn values(&self) -> [i64; SIGNALS.len()] {
+    /// In the order of [`Servo::values`].
+    fn signals(&self) -> Vec<Signal> {
+        let initial = Firmware::new(&self.controller, 0);
+        let led = |name| Signal::new(name, 0).with_role(Role::State);
+        vec![
+            quantity("position_counts", Role::Position, "counts"),
+            quantity("set_point_counts", Role::SetPoint, "counts"),
+            quantity("error_counts", Role::Error, "counts"),
+            quantity("drive", Role::Drive, "LSB"),
+            quantity("carriage_offset_counts", Role::Offset, "counts"),
+            Signal::new("kx", i64::from(initial.kx)),
+            Signal::new("kv", i64::from(initial.kv)),
+            Signal::new("program_increments", 0).with_unit("increments"),
+            led("led_program"),
+            led("led_running"),
+            led("led_fault"),
+        ]
+    }
+
+    fn values(&self) -> [i64; QUANTITIES] {
         let firmware = &self.firmware;
         let carriage = self.axis.carriage() - self.zero;
         [
@@ -392,15 +402,9 @@ impl Servo {
 
     fn stimulus(&mut self, now: Instant, stimulus: &Stimulus) {
         match stimulus {
-            Stimulus::Stall(_)
-            | Stimulus::Counts(_)
-            | Stimulus::Load(_)
-            | Stimulus::Supply(_)
-            | Stimulus::Backlash(_)
-            | Stimulus::EndStop(_)
-            | Stimulus::Drive(_) => {
-                self.axis.disturb(now, stimulus);
-                if let Stimulus::Drive(per_mille) = stimulus {
+            Stimulus::Motor { motor: 0, what } => {
+                self.axis.disturb(now, what);
+                if let MotorStimulus::Drive(per_mille) = what {
                     self.firmware.let_go();
                     self.firmware.service = self.axis.service(*per_mille);
                     self.drive(self.firmware.service);
@@ -417,9 +421,7 @@ impl Servo {
                 self.transmitter.retune(RATE, *clock);
                 self.schedule.retune(now, *clock);
             }
-            // The stepping loop sees to the first three; the others are for PCs.
-            Stimulus::Hang(_) | Stimulus::Slow(_) | Stimulus::Stop(_) => {}
-            Stimulus::Write(_) | Stimulus::Discard | Stimulus::Configure { .. } | Stimulus::Of(..) => {}
+            _ => {}
         }
         self.run_unless_at_rest(now);
     }
@@ -442,19 +444,13 @@ impl Servo {
 
 impl Board for Servo {
     fn description(&self) -> Description {
-        let initial = Firmware::new(&self.controller, 0);
-        let signal = |name: &&str| match *name {
-            "kx" => Signal::new(name, i64::from(initial.kx)),
-            "kv" => Signal::new(name, i64::from(initial.kv)),
-            name => Signal::new(name, 0),
-        };
         Description {
             ports: vec!["pc".to_owned()],
-            signals: SIGNALS.iter().map(signal).collect(),
+            signals: self.signals(),
             events: Event::TEXTS.map(str::to_owned).to_vec(),
             waits: Vec::new(),
-            heeds: [&[Heeds::Reset], Axis::HEEDS].concat(),
-            motors: Vec::new(),
+            capabilities: vec![Capability::Reset],
+            motors: vec![Motor { name: ONLY_MOTOR.to_owned(), capabilities: Axis::CAPABILITIES.to_vec() }],
         }
     }
 

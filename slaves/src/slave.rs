@@ -1,13 +1,13 @@
 //! A slave board: a task, and the link to its master that tells it what to do.
 
-use torno_protocol::board::{Board, Deadline, Description, Heeds, Input, Output, Stimulus};
+use torno_protocol::board::{Board, Capability, Deadline, Description, Input, Output, Stimulus};
 use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{RATE, Refusal};
 use torno_protocol::time::Instant;
 use torno_protocol::uart::Receiver;
 
 use crate::link::{Event, Link};
-use crate::machine::{Machine, Progress};
+use crate::machine::{Machine, ONLY_MOTOR, Progress};
 use crate::task::Task;
 
 /// A slave board whose sub-frames have `N` bytes.
@@ -36,12 +36,19 @@ impl<M: Machine<Part: TryFrom<[u8; N], Error = Refusal>>, const N: usize> Slave<
     }
 
     fn stimulus(&mut self, now: Instant, stimulus: &Stimulus) {
-        self.task.stimulus(now, stimulus);
         match stimulus {
-            Stimulus::Reset => self.link.reset(),
-            Stimulus::Power(_) => self.link.power(self.clock),
+            Stimulus::Motor { motor: 0, what } => self.task.disturb(now, what),
+            Stimulus::Reset => {
+                self.task.reset(now);
+                self.link.reset();
+            }
+            Stimulus::Power(_) => {
+                self.task.power(now);
+                self.link.power(self.clock);
+            }
             Stimulus::Clock(clock) => {
                 self.clock = *clock;
+                self.task.retune(now, *clock);
                 self.link.retune(*clock);
             }
             _ => {}
@@ -74,8 +81,8 @@ where
             signals: self.task.signals(),
             events: Event::texts(),
             waits: Vec::new(),
-            heeds: [&[Heeds::Reset], self.task.heeds()].concat(),
-            motors: Vec::new(),
+            capabilities: vec![Capability::Reset],
+            motors: vec![self.task.motor(ONLY_MOTOR)],
         }
     }
 

@@ -1,13 +1,13 @@
 //! The main motor's board (§4, Eq. 1 to 7): speed counted in windows, a lead compensator, a PWM of 10 bits.
 
-use torno_protocol::board::Heeds;
+use torno_protocol::board::{Capability, Role, Signal};
 use torno_protocol::lathe::{Fault, SpindlePart};
 use torno_protocol::time::Instant;
 
 use crate::control::Lead;
 use crate::drive::{self, Pwm};
 use crate::encoder::Encoder;
-use crate::machine::{Machine, Progress};
+use crate::machine::{Machine, Progress, quantity};
 use crate::plant::{Plant, Rotor, SpeedMotor};
 use crate::settings::{SpindleController, SpindleSettings};
 use crate::slave::Slave;
@@ -154,8 +154,13 @@ impl Machine for SpindleMachine {
         (Self { rotor, firmware: Firmware::new(settings) }, controller.window_ms)
     }
 
-    fn signals(&self) -> [&'static str; 4] {
-        ["speed_counts", "speed_rpm", "set_point_rpm", "drive"]
+    fn signals(&self) -> [Signal; 4] {
+        [
+            quantity("speed_counts", Role::Speed, "counts"),
+            quantity("speed_rpm", Role::Speed, "rpm"),
+            quantity("set_point_rpm", Role::SetPoint, "rpm"),
+            quantity("drive", Role::Drive, "LSB"),
+        ]
     }
 
     fn values(&self) -> [i64; 4] {
@@ -164,8 +169,8 @@ impl Machine for SpindleMachine {
         [firmware.speed_counts(), speed_rpm, firmware.set_point_rpm, firmware.drive]
     }
 
-    fn heeds(&self) -> &'static [Heeds] {
-        Rotor::HEEDS
+    fn capabilities(&self) -> &'static [Capability] {
+        Rotor::CAPABILITIES
     }
 
     fn plant(&mut self) -> &mut dyn Plant {
@@ -222,7 +227,7 @@ impl Machine for SpindleMachine {
 
 #[cfg(test)]
 mod tests {
-    use torno_protocol::board::Stimulus;
+    use torno_protocol::board::MotorStimulus;
     use torno_protocol::time::Span;
 
     use super::*;
@@ -266,7 +271,7 @@ mod tests {
         let fails = |busy: bool, blocked: bool| {
             let (mut machine, _) = SpindleMachine::new(&weak);
             machine.start(Instant::START, SpindlePart::parse([75]).unwrap());
-            machine.plant().disturb(Instant::START, &Stimulus::Stall(blocked));
+            machine.plant().disturb(Instant::START, &MotorStimulus::Stall(blocked));
             (0..100).any(|n| machine.sample(Instant::START + WINDOW.times(n), busy) == Progress::Failed(Fault::Stalled))
         };
         let found = [(false, false), (false, true), (true, false)].map(|(busy, blocked)| fails(busy, blocked));

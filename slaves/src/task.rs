@@ -1,6 +1,6 @@
 //! A machine with the timer that samples it: what a board does for its motor, whoever tells it what to do.
 
-use torno_protocol::board::{Heeds, Signal, Stimulus};
+use torno_protocol::board::{Motor, MotorStimulus, Signal};
 use torno_protocol::clock::Clock;
 use torno_protocol::time::Instant;
 
@@ -37,43 +37,41 @@ impl<M: Machine> Task<M> {
 }
 
 impl<M: Machine + ?Sized> Task<M> {
-    /// The machine's quantities. At power-on each is 0: the firmware counts from where the axis stands.
+    /// The machine's quantities, all of motor 0.
     pub fn signals(&self) -> Vec<Signal> {
-        self.machine.signals().iter().map(|name| Signal::new(name, 0)).collect()
+        self.machine.signals().to_vec()
     }
 
-    /// What the machine heeds of the stimuli that mean nothing to some.
-    pub fn heeds(&self) -> &'static [Heeds] {
-        self.machine.heeds()
+    /// The machine's motor, by this name.
+    pub fn motor(&self, name: &str) -> Motor {
+        Motor { name: name.to_owned(), capabilities: self.machine.capabilities().to_vec() }
     }
 
-    /// Something happens to the machine, its supply, its firmware or its oscillator.
-    pub fn stimulus(&mut self, now: Instant, stimulus: &Stimulus) {
-        match stimulus {
-            Stimulus::Stall(_)
-            | Stimulus::Counts(_)
-            | Stimulus::Load(_)
-            | Stimulus::Supply(_)
-            | Stimulus::Backlash(_)
-            | Stimulus::EndStop(_)
-            | Stimulus::Drive(_) => {
-                self.machine.plant().disturb(now, stimulus);
-                if let Stimulus::Drive(per_mille) = stimulus {
-                    self.machine.serve(*per_mille);
-                }
-            }
-            Stimulus::Reset => self.machine.reset(now),
-            Stimulus::Power(_) => {
-                self.machine.plant().restart(now);
-                self.machine.reset(now);
-                self.schedule.stop();
-            }
-            Stimulus::Clock(clock) => self.schedule.retune(now, *clock),
-            // The stepping loop sees to the first three; the others are for PCs, and for boards of several motors.
-            Stimulus::Hang(_) | Stimulus::Slow(_) | Stimulus::Stop(_) => {}
-            Stimulus::Write(_) | Stimulus::Discard | Stimulus::Configure { .. } | Stimulus::Of(..) => {}
+    /// Something happens to the motor, or to what it moves.
+    pub fn disturb(&mut self, now: Instant, what: &MotorStimulus) {
+        self.machine.plant().disturb(now, what);
+        if let MotorStimulus::Drive(per_mille) = what {
+            self.machine.serve(*per_mille);
         }
         self.sample_unless_at_rest(now);
+    }
+
+    /// The firmware starts anew.
+    pub fn reset(&mut self, now: Instant) {
+        self.machine.reset(now);
+    }
+
+    /// The supply goes or comes.
+    pub fn power(&mut self, now: Instant) {
+        self.machine.plant().restart(now);
+        self.machine.reset(now);
+        self.schedule.stop();
+        self.sample_unless_at_rest(now);
+    }
+
+    /// Counts in `clock` from the sample on that is to come.
+    pub fn retune(&mut self, now: Instant, clock: Clock) {
+        self.schedule.retune(now, clock);
     }
 
     /// The next sample, if it is due. `busy`: a sub-frame is being executed.
@@ -123,11 +121,11 @@ mod tests {
         let mut settings = DepthSettings::default();
         settings.plant.load_torque = 0.5;
         let mut task = DepthTask::new(&settings, Clock::TRUE);
-        task.stimulus(Instant::START, &Stimulus::Stall(true));
+        task.disturb(Instant::START, &MotorStimulus::Stall(true));
         task.sample(Instant::START, false);
         assert_eq!(task.poll_timeout(), None, "blocked it stands");
         let later = Instant::START + Span::from_secs(1);
-        task.stimulus(later, &Stimulus::Stall(false));
+        task.disturb(later, &MotorStimulus::Stall(false));
         assert_eq!(task.poll_timeout(), Some(later));
     }
 }

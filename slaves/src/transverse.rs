@@ -1,13 +1,13 @@
 //! The feed axis's board (§4, Eq. 8 to 15): a set point that moves along a trapezoid, and a PID that follows it.
 
-use torno_protocol::board::Heeds;
+use torno_protocol::board::{Capability, Role, Signal};
 use torno_protocol::lathe::{Fault, TransversePart};
 use torno_protocol::time::Instant;
 
 use crate::control::{Gains, Pid, Profile};
 use crate::drive::Bridge;
 use crate::encoder::Encoder;
-use crate::machine::{Machine, Progress};
+use crate::machine::{Machine, Progress, quantity};
 use crate::plant::{Axis, Plant, PositionMotor, SampledPlant};
 use crate::settings::{PositionModel, TransverseController, TransverseSettings};
 use crate::slave::Slave;
@@ -158,8 +158,13 @@ impl Machine for TransverseMachine {
         (Self { axis, carriage: 0, firmware: Firmware::new(settings) }, controller.sample_ms)
     }
 
-    fn signals(&self) -> [&'static str; 4] {
-        ["position_counts", "set_point_counts", "drive", "carriage_offset_counts"]
+    fn signals(&self) -> [Signal; 4] {
+        [
+            quantity("position_counts", Role::Position, "counts"),
+            quantity("set_point_counts", Role::SetPoint, "counts"),
+            quantity("drive", Role::Drive, "LSB"),
+            quantity("carriage_offset_counts", Role::Offset, "counts"),
+        ]
     }
 
     fn values(&self) -> [i64; 4] {
@@ -167,8 +172,8 @@ impl Machine for TransverseMachine {
         [self.firmware.count, self.firmware.profile.set_point(), self.firmware.drive, offset]
     }
 
-    fn heeds(&self) -> &'static [Heeds] {
-        Axis::HEEDS
+    fn capabilities(&self) -> &'static [Capability] {
+        Axis::CAPABILITIES
     }
 
     fn plant(&mut self) -> &mut dyn Plant {

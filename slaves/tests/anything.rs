@@ -6,7 +6,7 @@ mod common;
 
 use common::Bench;
 use proptest::prelude::*;
-use torno_protocol::board::{Board, Output, Stimulus};
+use torno_protocol::board::{Board, MotorStimulus, Output, Stimulus};
 use torno_protocol::clock::{Clock, Rate};
 use torno_protocol::lathe::{ACK, CAN, ENQ};
 use torno_protocol::record::{Batch, Heard, Timed, Turn};
@@ -56,28 +56,28 @@ fn acts() -> impl Strategy<Value = Vec<Act>> {
 
 fn faults() -> impl Strategy<Value = Stimulus> {
     prop_oneof![
-        (-300..300i32).prop_map(Stimulus::Counts),
-        (-100..1_500i32).prop_map(Stimulus::Load),
-        (0..2_000u16).prop_map(Stimulus::Supply),
-        (0..300u16).prop_map(Stimulus::Backlash),
-        (-40_000..40_000i32).prop_map(Stimulus::EndStop),
-        (-1_200..1_200i32).prop_map(Stimulus::Drive),
+        (-300..300i32).prop_map(|value| MotorStimulus::Counts(value).of(0)),
+        (-100..1_500i32).prop_map(|value| MotorStimulus::Load(value).of(0)),
+        (0..2_000u16).prop_map(|value| MotorStimulus::Supply(value).of(0)),
+        (0..300u16).prop_map(|value| MotorStimulus::Backlash(value).of(0)),
+        (-40_000..40_000i32).prop_map(|value| MotorStimulus::EndStop(value).of(0)),
+        (-1_200..1_200i32).prop_map(|value| MotorStimulus::Drive(value).of(0)),
         any::<bool>().prop_map(Stimulus::Power),
         clocks().prop_map(Stimulus::Clock),
         // Any number that can be written down.
-        any::<i32>().prop_map(Stimulus::Load),
-        any::<u16>().prop_map(Stimulus::Supply),
+        any::<i32>().prop_map(|value| MotorStimulus::Load(value).of(0)),
+        any::<u16>().prop_map(|value| MotorStimulus::Supply(value).of(0)),
     ]
 }
 
 /// What puts everything right again.
 const HEALED: [Stimulus; 6] = [
-    Stimulus::Drive(0),
-    Stimulus::Stall(false),
-    Stimulus::Load(0),
-    Stimulus::Supply(1_000),
-    Stimulus::Backlash(0),
-    Stimulus::EndStop(0),
+    MotorStimulus::Drive(0).of(0),
+    MotorStimulus::Stall(false).of(0),
+    MotorStimulus::Load(0).of(0),
+    MotorStimulus::Supply(1_000).of(0),
+    MotorStimulus::Backlash(0).of(0),
+    MotorStimulus::EndStop(0).of(0),
 ];
 
 fn perform<B: Board>(bench: &mut Bench<B>, act: Act) {
@@ -86,7 +86,7 @@ fn perform<B: Board>(bench: &mut Bench<B>, act: Act) {
         Act::Bytes(bytes) => bench.send(&bytes),
         Act::Bad(character) => bench.character(character),
         Act::Reset => bench.stimulus(Stimulus::Reset),
-        Act::Stall(blocked) => bench.stimulus(Stimulus::Stall(blocked)),
+        Act::Stall(blocked) => bench.stimulus(MotorStimulus::Stall(blocked).of(0)),
         Act::Wrong(stimulus) => bench.stimulus(stimulus),
         Act::Hang(ms) => {
             bench.hung = true;
@@ -117,7 +117,8 @@ fn keeps_silent<B: Board>(board: B, acts: Vec<Act>) -> Result<(), TestCaseError>
 fn obeys<B: Board>(board: B, acts: Vec<Act>, part: &[u8]) -> Result<(), TestCaseError> {
     let mut bench = Bench::new(board);
     // An axis whose count is off can be sent beyond its end of travel, and press against it.
-    let miscounts = acts.iter().any(|act| matches!(act, Act::Wrong(Stimulus::Counts(_))));
+    let miscounts =
+        acts.iter().any(|act| matches!(act, Act::Wrong(Stimulus::Motor { what: MotorStimulus::Counts(_), .. })));
     acts.into_iter().for_each(|act| perform(&mut bench, act));
     HEALED.into_iter().for_each(|stimulus| bench.stimulus(stimulus));
     bench.run_ms(10);

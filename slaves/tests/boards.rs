@@ -5,7 +5,7 @@
 mod common;
 
 use common::{Bench, depth, s, spindle, transverse};
-use torno_protocol::board::{Board, Description, Heeds, Output, Stimulus};
+use torno_protocol::board::{Board, Capability, Description, Motor, MotorStimulus, Output, Stimulus};
 use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{ACK, BEL, CAN, CHARACTER, ENQ};
 use torno_protocol::time::{Instant, Span};
@@ -120,7 +120,7 @@ fn a_standing_spindle_wants_nothing() {
 #[test]
 fn a_blocked_spindle_is_reported_within_a_second_or_two() {
     let mut bench = spindle();
-    bench.stimulus(Stimulus::Stall(true));
+    bench.stimulus(MotorStimulus::Stall(true).of(0));
     bench.send(&[75]);
     bench.run_ms(1_400);
     assert_eq!(bench.replies(), [CAN, b's']);
@@ -129,7 +129,7 @@ fn a_blocked_spindle_is_reported_within_a_second_or_two() {
     bench.send(&[ENQ]);
     bench.run_ms(20);
     assert_eq!(bench.replies(), [CAN, b's']);
-    bench.stimulus(Stimulus::Stall(false));
+    bench.stimulus(MotorStimulus::Stall(false).of(0));
     bench.run_ms(s(3));
     bench.send(&[0]);
     bench.run_ms(50);
@@ -146,7 +146,7 @@ fn a_spindle_that_is_blocked_while_it_regulates_says_so_unasked() {
     bench.send(&[75]);
     assert!(bench.run_until_mute(20));
     bench.replies();
-    bench.stimulus(Stimulus::Stall(true));
+    bench.stimulus(MotorStimulus::Stall(true).of(0));
     assert!(!bench.board.mute());
     bench.run_ms(1_400);
     assert_eq!(bench.replies(), [CAN, b's']);
@@ -218,7 +218,7 @@ fn a_blocked_axis_is_reported() {
     let mut bench = transverse();
     bench.send(&way(112, 9_000));
     bench.run_ms(s(1));
-    bench.stimulus(Stimulus::Stall(true));
+    bench.stimulus(MotorStimulus::Stall(true).of(0));
     bench.run_ms(1_000);
     assert_eq!(bench.replies(), []);
     bench.run_ms(200);
@@ -227,7 +227,7 @@ fn a_blocked_axis_is_reported() {
     let mut bench = depth();
     bench.send(&slots(30));
     bench.run_ms(s(5));
-    bench.stimulus(Stimulus::Stall(true));
+    bench.stimulus(MotorStimulus::Stall(true).of(0));
     bench.run_ms(s(3));
     let last = bench.history("position_counts").last().unwrap().0;
     let silent = bench.sent[0].0.since(last).as_secs_f64();
@@ -510,7 +510,7 @@ fn after_a_hang_the_plant_has_moved_on_and_the_ticks_keep_their_grid() {
 fn telemetry_comes_first_then_events_then_characters() {
     let mut bench = spindle();
     bench.send(&[10]);
-    bench.stimulus(Stimulus::Stall(true));
+    bench.stimulus(MotorStimulus::Stall(true).of(0));
     bench.run_ms(s(3));
     let rank = |output: &Output| match output {
         Output::Telemetry { signal, .. } => i32::from(*signal),
@@ -525,18 +525,24 @@ fn telemetry_comes_first_then_events_then_characters() {
 
 #[test]
 fn each_board_says_what_it_is() {
-    let names = |description: &Description| -> Vec<String> {
-        assert!(description.signals.iter().all(|signal| signal.initial == 0));
-        description.signals.iter().map(|signal| signal.name.clone()).collect()
+    let signals = |description: &Description| -> Vec<String> {
+        assert!(description.signals.iter().all(|signal| (signal.initial, signal.motor) == (0, Some(0))));
+        description.signals.iter().map(|of| format!("{}: {:?}, {}", of.name, of.role, of.unit)).collect()
     };
     let (spindle, transverse, depth) =
         (spindle().board.description(), transverse().board.description(), depth().board.description());
-    assert_eq!(names(&spindle), ["speed_counts", "speed_rpm", "set_point_rpm", "drive"]);
-    assert_eq!(names(&transverse), ["position_counts", "set_point_counts", "drive", "carriage_offset_counts"]);
-    assert_eq!(names(&depth), ["position_counts", "remaining_counts", "drive", "carriage_offset_counts"]);
-    assert_eq!(spindle.heeds, [Heeds::Reset, Heeds::Motor]);
-    for description in [&transverse, &depth] {
-        assert_eq!(description.heeds, [Heeds::Reset, Heeds::Motor, Heeds::Axis]);
+    let position = "position_counts: Position, counts";
+    let offset = "carriage_offset_counts: Offset, counts";
+    let set_point = "set_point_counts: SetPoint, counts";
+    let of_spindle =
+        ["speed_counts: Speed, counts", "speed_rpm: Speed, rpm", "set_point_rpm: SetPoint, rpm", "drive: Drive, LSB"];
+    assert_eq!(signals(&spindle), of_spindle);
+    assert_eq!(signals(&transverse), [position, set_point, "drive: Drive, LSB", offset]);
+    assert_eq!(signals(&depth), [position, "remaining_counts: Remaining, counts", "drive: Drive, ", offset]);
+    let (motor, axis) = (vec![Capability::Motor], vec![Capability::Motor, Capability::Axis]);
+    for (description, capabilities) in [(&spindle, motor), (&transverse, axis.clone()), (&depth, axis)] {
+        assert_eq!(description.capabilities, [Capability::Reset]);
+        assert_eq!(description.motors, [Motor { name: "motor".to_owned(), capabilities }]);
     }
     for description in [spindle, transverse, depth] {
         assert_eq!((description.ports, description.waits.len()), (vec!["master".to_owned()], 0));

@@ -5,7 +5,7 @@
 mod common;
 
 use common::{Bench, depth, s, spindle, transverse};
-use torno_protocol::board::{Board, Output, Stimulus};
+use torno_protocol::board::{Board, MotorStimulus, Output, Stimulus};
 use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{ACK, CAN, ENQ};
 use torno_protocol::record::{Heard, Turn};
@@ -45,7 +45,7 @@ fn duty(bench: &Bench<Spindle>) -> f64 {
 
 #[test]
 fn a_spindle_under_load_or_on_half_its_supply_comes_back_to_its_speed() {
-    for (stimulus, expected) in [(Stimulus::Load(200), 0.4756), (Stimulus::Supply(500), 0.5512)] {
+    for (stimulus, expected) in [(MotorStimulus::Load(200).of(0), 0.4756), (MotorStimulus::Supply(500).of(0), 0.5512)] {
         let mut bench = spindle();
         execute(&mut bench, &[75]);
         bench.run_ms(s(30));
@@ -67,7 +67,7 @@ fn a_loaded_spindle_stands_still_before_a_free_one() {
     let stops = |load| {
         let mut bench = spindle();
         execute(&mut bench, &[75]);
-        bench.stimulus(Stimulus::Load(load));
+        bench.stimulus(MotorStimulus::Load(load).of(0));
         execute(&mut bench, &[0]).1
     };
     let (free, loaded) = (stops(0), stops(200));
@@ -78,12 +78,12 @@ fn a_loaded_spindle_stands_still_before_a_free_one() {
 #[test]
 fn a_load_that_full_drive_cannot_turn_is_a_stall() {
     let mut bench = spindle();
-    bench.stimulus(Stimulus::Load(1_000));
+    bench.stimulus(MotorStimulus::Load(1_000).of(0));
     assert_eq!(execute(&mut bench, &[75]).0, [CAN, b's']);
     // While it regulates it says so unasked.
-    bench.stimulus(Stimulus::Load(0));
+    bench.stimulus(MotorStimulus::Load(0).of(0));
     assert_eq!(execute(&mut bench, &[75]).0, [ACK]);
-    bench.stimulus(Stimulus::Supply(0));
+    bench.stimulus(MotorStimulus::Supply(0).of(0));
     assert!(!bench.board.mute());
     assert!(bench.run_until_mute(60));
     assert_eq!(bench.replies(), [CAN, b's']);
@@ -91,16 +91,16 @@ fn a_load_that_full_drive_cannot_turn_is_a_stall() {
     let mut bench = transverse();
     bench.send(&way(9_000));
     bench.run_ms(s(1));
-    bench.stimulus(Stimulus::Load(1_001));
+    bench.stimulus(MotorStimulus::Load(1_001).of(0));
     // A load hardly stronger than full drive takes 4.5 s to stop it.
     assert!(bench.run_until_mute(10));
     assert_eq!((bench.replies(), bench.value("drive")), (vec![CAN, b's'], 0));
 
     let mut bench = depth();
-    bench.stimulus(Stimulus::Load(1_000));
+    bench.stimulus(MotorStimulus::Load(1_000).of(0));
     assert_eq!(execute(&mut bench, &slots(3)).0, [CAN, b's']);
-    bench.stimulus(Stimulus::Load(999));
-    bench.stimulus(Stimulus::Load(0));
+    bench.stimulus(MotorStimulus::Load(999).of(0));
+    bench.stimulus(MotorStimulus::Load(0).of(0));
     assert_eq!(execute(&mut bench, &slots(3)).0, [ACK]);
 }
 
@@ -110,7 +110,7 @@ fn an_axis_ends_off_by_the_counts_that_its_encoder_lost_or_invented() {
         let mut bench = transverse();
         bench.send(&way(distance));
         bench.run_ms(400);
-        bench.stimulus(Stimulus::Counts(counts));
+        bench.stimulus(MotorStimulus::Counts(counts).of(0));
         assert!(bench.run_until_mute(10));
         bench.run_ms(s(60));
         assert_eq!(bench.replies(), [ACK]);
@@ -121,7 +121,7 @@ fn an_axis_ends_off_by_the_counts_that_its_encoder_lost_or_invented() {
     let mut bench = transverse();
     execute(&mut bench, &way(900));
     bench.run_ms(s(60));
-    bench.stimulus(Stimulus::Counts(5));
+    bench.stimulus(MotorStimulus::Counts(5).of(0));
     bench.run_ms(s(60));
     assert_eq!((bench.value("position_counts"), bench.value("carriage_offset_counts")), (900, -5));
     assert_eq!(bench.replies(), []);
@@ -129,14 +129,14 @@ fn an_axis_ends_off_by_the_counts_that_its_encoder_lost_or_invented() {
     let mut bench = depth();
     bench.send(&slots(-9));
     bench.run_ms(s(3));
-    bench.stimulus(Stimulus::Counts(-2));
+    bench.stimulus(MotorStimulus::Counts(-2).of(0));
     assert!(bench.run_until_mute(20));
     assert_eq!((bench.value("position_counts"), bench.value("carriage_offset_counts")), (-9, -2));
 
     // A spindle's windows make up for it.
     let mut bench = spindle();
     execute(&mut bench, &[75]);
-    bench.stimulus(Stimulus::Counts(-1_000));
+    bench.stimulus(MotorStimulus::Counts(-1_000).of(0));
     bench.run_ms(300);
     assert_eq!(bench.value("speed_counts"), 0);
     assert!(bench.history("speed_counts").iter().all(|(_, counts)| *counts >= 0));
@@ -152,7 +152,7 @@ fn with_half_the_supply_an_axis_is_late_but_arrives() {
     assert_eq!(replies, [ACK]);
     sagging.send(&part);
     sagging.run_ms(s(1));
-    sagging.stimulus(Stimulus::Supply(500));
+    sagging.stimulus(MotorStimulus::Supply(500).of(0));
     assert!(sagging.run_until_mute(30));
     let late = sagging.now.as_secs_f64() - in_time;
     assert!(late > 0.2, "{late}");
@@ -164,7 +164,7 @@ fn with_half_the_supply_an_axis_is_late_but_arrives() {
 #[test]
 fn backlash_is_hidden_from_the_feed_and_costs_the_infeed_time() {
     let mut bench = transverse();
-    bench.stimulus(Stimulus::Backlash(100));
+    bench.stimulus(MotorStimulus::Backlash(100).of(0));
     for (distance, offset) in [(900, 0), (-400, 100), (-200, 100), (400, 0)] {
         assert_eq!(execute(&mut bench, &way(distance)).0, [ACK]);
         bench.run_ms(s(60));
@@ -174,12 +174,12 @@ fn backlash_is_hidden_from_the_feed_and_costs_the_infeed_time() {
     }
     assert_eq!(bench.value("position_counts"), 700);
     execute(&mut bench, &way(-100));
-    bench.stimulus(Stimulus::Backlash(0));
+    bench.stimulus(MotorStimulus::Backlash(0).of(0));
     execute(&mut bench, &way(1));
     assert_eq!(bench.value("carriage_offset_counts"), 0);
 
     let mut bench = depth();
-    bench.stimulus(Stimulus::Backlash(2));
+    bench.stimulus(MotorStimulus::Backlash(2).of(0));
     let forth = execute(&mut bench, &slots(5));
     let back = execute(&mut bench, &slots(-5));
     assert_eq!((forth.0, back.0), (vec![ACK], vec![ACK]));
@@ -187,7 +187,7 @@ fn backlash_is_hidden_from_the_feed_and_costs_the_infeed_time() {
     // Two slots of 0.667 s.
     assert!((back.1 - forth.1 - 1.33).abs() < 0.7, "{} {}", forth.1, back.1);
     // More than the firmware has patience for.
-    bench.stimulus(Stimulus::Backlash(9));
+    bench.stimulus(MotorStimulus::Backlash(9).of(0));
     assert_eq!(execute(&mut bench, &slots(-5)).0, [CAN, b's']);
 }
 
@@ -195,16 +195,16 @@ fn backlash_is_hidden_from_the_feed_and_costs_the_infeed_time() {
 fn a_chip_in_the_way_is_a_stall_and_can_be_backed_off() {
     for sign in [1, -1] {
         let mut bench = transverse();
-        bench.stimulus(Stimulus::EndStop(500 * sign));
+        bench.stimulus(MotorStimulus::EndStop(500 * sign).of(0));
         assert_eq!(execute(&mut bench, &way(900 * sign)).0, [CAN, b's']);
         assert_eq!(bench.value("position_counts"), i64::from(500 * sign));
         assert_eq!(execute(&mut bench, &way(-300 * sign)).0, [ACK]);
-        bench.stimulus(Stimulus::EndStop(0));
+        bench.stimulus(MotorStimulus::EndStop(0).of(0));
         assert_eq!(execute(&mut bench, &way(900 * sign)).0, [ACK]);
         assert!((bench.value("position_counts") - i64::from(1_100 * sign)).abs() <= 1);
 
         let mut bench = depth();
-        bench.stimulus(Stimulus::EndStop(3 * sign));
+        bench.stimulus(MotorStimulus::EndStop(3 * sign).of(0));
         assert_eq!(execute(&mut bench, &slots(5 * sign)).0, [CAN, b's']);
         assert_eq!(bench.value("position_counts"), i64::from(3 * sign));
     }
@@ -285,17 +285,17 @@ fn positions(bench: &mut Bench<Transverse>, samples: usize) -> Vec<i64> {
 fn the_service_mode_drives_the_main_motor_whatever_its_law_says() {
     let mut bench = spindle();
     bench.send(&[200]);
-    bench.stimulus(Stimulus::Drive(667));
+    bench.stimulus(MotorStimulus::Drive(667).of(0));
     assert_eq!(bench.value("drive"), 682);
     bench.run_ms(s(30));
     let rpm = 380.0 * 60.0 / core::f64::consts::TAU;
     assert!((bench.value("speed_rpm") as f64 - rpm).abs() <= 5.0, "{}", bench.value("speed_rpm"));
     // The law regulates on from where it stood.
-    bench.stimulus(Stimulus::Drive(0));
+    bench.stimulus(MotorStimulus::Drive(0).of(0));
     bench.run_ms(s(20));
     assert_eq!(bench.value("speed_rpm"), 4_000);
     // One quadrant: it does not brake.
-    bench.stimulus(Stimulus::Drive(-500));
+    bench.stimulus(MotorStimulus::Drive(-500).of(0));
     bench.run_ms(s(20));
     assert_eq!(bench.value("speed_rpm"), 4_000);
 }
@@ -304,14 +304,14 @@ fn the_service_mode_drives_the_main_motor_whatever_its_law_says() {
 #[test]
 fn the_service_mode_drives_the_feed_axis_both_ways_and_leaves_it_where_it_is() {
     let mut bench = transverse();
-    bench.stimulus(Stimulus::Drive(784));
+    bench.stimulus(MotorStimulus::Drive(784).of(0));
     assert_eq!(bench.value("drive"), 200);
     let there = positions(&mut bench, 150);
     assert!((there[149] - there[148] - 176).abs() <= 2, "{there:?}");
-    bench.stimulus(Stimulus::Drive(-784));
+    bench.stimulus(MotorStimulus::Drive(-784).of(0));
     let back = positions(&mut bench, 150);
     assert!((back[149] - back[148] + 176).abs() <= 2, "{back:?}");
-    bench.stimulus(Stimulus::Drive(0));
+    bench.stimulus(MotorStimulus::Drive(0).of(0));
     let rest = positions(&mut bench, 400);
     assert_eq!((bench.value("drive"), rest[398]), (0, rest[399]));
     assert!(bench.board.mute());
@@ -322,21 +322,21 @@ fn a_move_waits_for_the_end_of_the_service_mode() {
     let mut bench = transverse();
     bench.send(&way(9_000));
     bench.run_ms(s(1));
-    bench.stimulus(Stimulus::Drive(-500));
+    bench.stimulus(MotorStimulus::Drive(-500).of(0));
     bench.run_ms(s(3));
     assert!(bench.value("position_counts") < -3_000 && bench.value("drive") == -128);
-    bench.stimulus(Stimulus::Drive(0));
+    bench.stimulus(MotorStimulus::Drive(0).of(0));
     assert!(bench.run_until_mute(60));
     assert!((bench.value("position_counts") - 9_000).abs() <= 1, "{}", bench.value("position_counts"));
 
     // Driven through its target, an axis is not done either.
     let mut bench = depth();
     bench.send(&slots(5));
-    bench.stimulus(Stimulus::Drive(1_000));
+    bench.stimulus(MotorStimulus::Drive(1_000).of(0));
     bench.run_ms(s(20));
     assert!(bench.value("position_counts") > 25 && bench.value("drive") == 1);
     let before = bench.events();
-    bench.stimulus(Stimulus::Drive(0));
+    bench.stimulus(MotorStimulus::Drive(0).of(0));
     assert!(bench.run_until_mute(60));
     assert!((bench.value("position_counts") - 5).abs() <= 1, "{}", bench.value("position_counts"));
     assert_ne!(bench.events(), before);
@@ -347,7 +347,7 @@ fn without_supply_there_is_no_service_mode() {
     let mut board = Stepper::new(Spindle::new(&SpindleSettings::default(), Clock::TRUE));
     let at = |ms: u64| Instant::START + Span::from_millis(ms);
     let heard = |ms, stimulus| Heard::Stimulus { at: at(ms), stimulus };
-    let heard = vec![heard(10, Stimulus::Power(false)), heard(20, Stimulus::Drive(900))];
+    let heard = vec![heard(10, Stimulus::Power(false)), heard(20, MotorStimulus::Drive(900).of(0))];
     let batch = board.turn(Turn { commit: Instant::START, until: at(500), heard }).unwrap();
     assert!(!batch.outputs.iter().any(|timed| matches!(timed.output, Output::Telemetry { .. })), "{batch:?}");
 }
@@ -355,7 +355,7 @@ fn without_supply_there_is_no_service_mode() {
 #[test]
 fn the_infeed_motor_is_switched_on_and_off_in_service_mode_and_a_reset_ends_it() {
     let mut bench = depth();
-    bench.stimulus(Stimulus::Drive(-1_000));
+    bench.stimulus(MotorStimulus::Drive(-1_000).of(0));
     bench.run_ms(s(10));
     // 0.2667 mm/s for 9.95 s, in slots of 0.1778 mm.
     assert_eq!((bench.value("position_counts"), bench.value("drive")), (-15, -1));

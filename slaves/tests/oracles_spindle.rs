@@ -12,7 +12,7 @@ use core::f64::consts::{E, PI, TAU};
 
 use common::response::{changed, crossing, differences, near, peak, poles, recurrence, sampled, settled, spectrum};
 use common::{Bench, s, spindle};
-use torno_protocol::board::Stimulus;
+use torno_protocol::board::MotorStimulus;
 use torno_protocol::clock::Clock;
 use torno_protocol::time::Instant;
 use torno_slaves::{LeadForm, Spindle, SpindleSettings};
@@ -335,7 +335,7 @@ fn a_load_of_500_rpm_makes_a_dip_of_32_rpm_and_no_standing_error() {
     let mut step = Step::new(&fine(), 2_000, 90);
     let before = step.bench.now;
     // 500 rpm of 5443.1, in per mille.
-    step.bench.stimulus(Stimulus::Load(92));
+    step.bench.stimulus(MotorStimulus::Load(92).of(0));
     step.bench.run_ms(s(60));
     step.from = changed(&step.bench, "speed_counts", before);
     let lowest = step.rpm().iter().copied().fold(f64::MAX, f64::min);

@@ -5,7 +5,7 @@
 mod common;
 
 use common::{Bench, s};
-use torno_protocol::board::{Board, Heeds, OfMotor, Output, Stimulus};
+use torno_protocol::board::{Board, Capability, MotorStimulus, Output, Role, Stimulus};
 use torno_protocol::clock::Clock;
 use torno_protocol::servo::{Command, GAP};
 use torno_protocol::time::{Instant, Span};
@@ -57,23 +57,24 @@ fn values<const N: usize>(bench: &Bench<Servo>, names: [&str; N]) -> [i64; N] {
 fn it_says_what_it_is() {
     let bench = servo(|settings| (settings.controller.kx, settings.controller.kv) = (20, 7));
     let description = bench.board.description();
-    let signals: Vec<_> = description.signals.iter().map(|signal| (signal.name.as_str(), signal.initial)).collect();
+    let signals: Vec<_> = description.signals.iter().map(|of| (of.name.as_str(), of.initial, of.role)).collect();
     let expected = [
-        ("position_counts", 0),
-        ("set_point_counts", 0),
-        ("error_counts", 0),
-        ("drive", 0),
-        ("carriage_offset_counts", 0),
-        ("kx", 20),
-        ("kv", 7),
-        ("program_increments", 0),
-        ("led_program", 0),
-        ("led_running", 0),
-        ("led_fault", 0),
+        ("position_counts", 0, Role::Position),
+        ("set_point_counts", 0, Role::SetPoint),
+        ("error_counts", 0, Role::Error),
+        ("drive", 0, Role::Drive),
+        ("carriage_offset_counts", 0, Role::Offset),
+        ("kx", 20, Role::Other),
+        ("kv", 7, Role::Other),
+        ("program_increments", 0, Role::Other),
+        ("led_program", 0, Role::State),
+        ("led_running", 0, Role::State),
+        ("led_fault", 0, Role::State),
     ];
     assert_eq!(signals, expected);
-    assert_eq!((description.ports.len(), description.events.len(), description.motors.len()), (1, 16, 0));
-    assert_eq!(description.heeds, [Heeds::Reset, Heeds::Motor, Heeds::Axis]);
+    assert_eq!((description.ports.len(), description.events.len(), description.motors.len()), (1, 16, 1));
+    assert_eq!(description.capabilities, [Capability::Reset]);
+    assert_eq!(description.motors[0].capabilities, [Capability::Motor, Capability::Axis]);
     assert_eq!((bench.board.poll_timeout(), bench.board.mute(), bench.board.receivers().len()), (None, true, 1));
 }
 
@@ -267,7 +268,7 @@ fn damping_works_against_the_counts_of_the_last_tick() {
 #[test]
 fn full_drive_is_full_speed() {
     let mut bench = servo(|_| ());
-    bench.stimulus(Stimulus::Drive(1_000));
+    bench.stimulus(MotorStimulus::Drive(1_000).of(0));
     bench.run_ms(1_000);
     let (from, at) = (bench.value("position_counts"), bench.now);
     bench.run_ms(1_000);
@@ -276,11 +277,11 @@ fn full_drive_is_full_speed() {
     assert!((way - ticks * FULL).abs() < 0.001 * way, "{way}");
     assert_eq!(bench.value("drive"), 127);
     // Half of 127, rounded; the loop stays open, and a reset ends the service mode.
-    bench.stimulus(Stimulus::Drive(-500));
+    bench.stimulus(MotorStimulus::Drive(-500).of(0));
     assert_eq!(bench.value("drive"), -64);
-    bench.stimulus(Stimulus::Drive(0));
+    bench.stimulus(MotorStimulus::Drive(0).of(0));
     assert_eq!(bench.value("drive"), 0);
-    bench.stimulus(Stimulus::Drive(300));
+    bench.stimulus(MotorStimulus::Drive(300).of(0));
     bench.stimulus(Stimulus::Reset);
     assert_eq!(bench.value("drive"), 0);
     bench.run_ms(1_000);
@@ -317,17 +318,17 @@ fn the_set_point_never_leaves_the_travel() {
 fn a_hard_stop_opens_the_loop() {
     let mut bench = servo(|_| ());
     // It has lost its place: what it takes for 0 is 300 counts beyond the true end.
-    bench.stimulus(Stimulus::Drive(1_000));
+    bench.stimulus(MotorStimulus::Drive(1_000).of(0));
     bench.run_ms(200);
-    bench.stimulus(Stimulus::Drive(0));
+    bench.stimulus(MotorStimulus::Drive(0).of(0));
     bench.run_ms(500);
     let away = bench.value("position_counts");
     say(&mut bench, Command::Home);
     assert_eq!(events(&mut bench), [format!("homed {away} counts from the 0 before")]);
     assert_eq!(values(&bench, ["position_counts", "set_point_counts", "carriage_offset_counts"]), [0; 3]);
-    bench.stimulus(Stimulus::Drive(-1_000));
+    bench.stimulus(MotorStimulus::Drive(-1_000).of(0));
     bench.run_ms(s(2));
-    bench.stimulus(Stimulus::Drive(0));
+    bench.stimulus(MotorStimulus::Drive(0).of(0));
     bench.run_ms(100);
     // 1 mm beyond the end.
     let end = -away - 125;
@@ -350,7 +351,7 @@ fn driven_into_a_hard_stop_it_gives_up() {
     // The encoder loses counts on the way out, so the end comes too early.
     run_program(&mut bench, &[30; 10]);
     bench.run_ms(500);
-    bench.stimulus(Stimulus::Counts(-250));
+    bench.stimulus(MotorStimulus::Counts(-250).of(0));
     bench.run_ms(500);
     events(&mut bench);
     run_program(&mut bench, &[30; 30]);
@@ -369,14 +370,14 @@ fn driven_into_a_hard_stop_it_gives_up() {
 fn a_following_error_beyond_its_limit_opens_the_loop() {
     for (increments, gives_up) in [(vec![100; 5], false), (vec![100, 100, 100, 100, 100, 1], true)] {
         let mut bench = servo(|settings| settings.controller.error_max_counts = 500);
-        bench.stimulus(Stimulus::Stall(true));
+        bench.stimulus(MotorStimulus::Stall(true).of(0));
         run_program(&mut bench, &increments);
         bench.run_ms(200);
         let told = events(&mut bench);
         assert_eq!(told.contains(&"gives up: following error of 501 counts".to_owned()), gives_up, "{told:?}");
         let expected = if gives_up { [1, 0, 0] } else { [0, 500, 127] };
         assert_eq!(values(&bench, ["led_fault", "error_counts", "drive"]), expected);
-        bench.stimulus(Stimulus::Stall(false));
+        bench.stimulus(MotorStimulus::Stall(false).of(0));
         bench.run_ms(s(1));
         assert_eq!(bench.value("position_counts"), if gives_up { 0 } else { 500 });
     }
@@ -429,28 +430,28 @@ fn what_happens_to_the_plant_reaches_it() {
     let way = |stimulus: Option<Stimulus>| {
         let mut bench = servo(|_| ());
         stimulus.into_iter().for_each(|stimulus| bench.stimulus(stimulus));
-        bench.stimulus(Stimulus::Drive(1_000));
+        bench.stimulus(MotorStimulus::Drive(1_000).of(0));
         bench.run_ms(s(1));
         bench.value("position_counts")
     };
     let free = way(None);
-    assert!((way(Some(Stimulus::Supply(500))) * 2 - free).abs() <= 2);
-    assert!((way(Some(Stimulus::Load(250))) - free * 3 / 4).abs() <= 2);
-    assert_eq!(way(Some(Stimulus::Stall(true))), 0);
+    assert!((way(Some(MotorStimulus::Supply(500).of(0))) * 2 - free).abs() <= 2);
+    assert!((way(Some(MotorStimulus::Load(250).of(0))) - free * 3 / 4).abs() <= 2);
+    assert_eq!(way(Some(MotorStimulus::Stall(true).of(0))), 0);
     let stop = i32::try_from(300 - TRAVEL / 2).unwrap();
-    assert_eq!(way(Some(Stimulus::EndStop(stop))), free, "one on the side of the start lies behind it");
-    assert_eq!(way(Some(Stimulus::Of(0, OfMotor::Stall(true)))), free, "it has no several motors");
+    assert_eq!(way(Some(MotorStimulus::EndStop(stop).of(0))), free, "one on the side of the start lies behind it");
+    assert_eq!(way(Some(MotorStimulus::Stall(true).of(1))), free, "it has one motor only");
 }
 
 #[test]
 fn counts_that_are_lost_are_missing_in_the_sense_of_the_motion() {
     for (drive, counts, offset) in [(500, 7, -7), (500, -7, 7), (-500, 7, 7)] {
         let mut bench = servo(|_| ());
-        bench.stimulus(Stimulus::Drive(1_000));
+        bench.stimulus(MotorStimulus::Drive(1_000).of(0));
         bench.run_ms(500);
-        bench.stimulus(Stimulus::Drive(drive));
+        bench.stimulus(MotorStimulus::Drive(drive).of(0));
         bench.run_ms(200);
-        bench.stimulus(Stimulus::Counts(counts));
+        bench.stimulus(MotorStimulus::Counts(counts).of(0));
         bench.run_ms(100);
         assert_eq!(bench.value("carriage_offset_counts"), offset, "{drive} {counts}");
     }

@@ -1,7 +1,7 @@
 //! The names that a rig gives to its parts.
 
 use toml::Spanned;
-use torno_protocol::board::{Heeds, Motor};
+use torno_protocol::board::{Capability, Description};
 use torno_protocol::layout::Layout;
 
 use crate::dialect::Dialect;
@@ -15,14 +15,8 @@ pub struct Names {
     pub dialect: &'static dyn Dialect,
     /// Boards, and last the PC.
     pub boards: Vec<String>,
-    /// The quantities of each.
-    pub signals: Vec<Vec<String>>,
-    /// The events' texts of each.
-    pub events: Vec<Vec<String>>,
-    /// What each heeds.
-    heeds: Vec<Vec<Heeds>>,
-    /// The motors of each that has several.
-    motors: Vec<Vec<Motor>>,
+    /// What each consists of.
+    pub descriptions: Vec<Description>,
     /// Lines.
     pub lines: Vec<String>,
     /// What sends on each line: the board and its port.
@@ -32,14 +26,10 @@ pub struct Names {
 impl Names {
     /// The names in a rig, in the order of the engine's numbers.
     pub fn of(layout: &Layout, dialect: &'static dyn Dialect) -> Self {
-        let described = || layout.boards.iter().map(|board| &board.description);
         Self {
             dialect,
             boards: layout.boards.iter().map(|board| board.name.clone()).collect(),
-            signals: described().map(|d| d.signals.iter().map(|signal| signal.name.clone()).collect()).collect(),
-            events: described().map(|d| d.events.clone()).collect(),
-            heeds: described().map(|d| d.heeds.clone()).collect(),
-            motors: described().map(|d| d.motors.clone()).collect(),
+            descriptions: layout.boards.iter().map(|board| board.description.clone()).collect(),
             lines: layout.lines.iter().map(|line| line.name.clone()).collect(),
             senders: layout.lines.iter().map(|line| line.from).collect(),
         }
@@ -60,18 +50,25 @@ impl Names {
     pub fn board_or_motor(&self, name: &Spanned<String>) -> Result<(NodeId, Option<u8>), Complaint> {
         let Some((board, motor)) = name.get_ref().split_once('.') else { return Ok((self.board(name)?, None)) };
         let node = self.board(&Spanned::new(name.span(), board.to_owned()))?;
-        let known: Vec<String> = self.motors[node].iter().map(|motor| motor.name.clone()).collect();
+        let description = &self.descriptions[node];
+        let known: Vec<String> = (0..description.motors.len() as u8)
+            .filter_map(|motor| description.motor_name(motor).map(str::to_owned))
+            .collect();
         let motor = Spanned::new(name.span(), motor.to_owned());
         find(&format!("motor of '{board}'"), &motor, &known).map(|place| (node, Some(place as u8)))
     }
 
-    /// The boards that heed something, and the motors, as `BOARD.MOTOR`, of those that have several.
-    pub fn heeding(&self, what: Heeds) -> Vec<String> {
+    /// The boards that can do something, by themselves or by their only motor, and the motors, as `BOARD.MOTOR`, of
+    /// those that have several.
+    pub fn capable(&self, what: Capability) -> Vec<String> {
         let mut names = Vec::new();
-        for ((board, heeds), motors) in self.boards.iter().zip(&self.heeds).zip(&self.motors) {
-            names.extend(heeds.contains(&what).then(|| board.clone()));
-            let motors = motors.iter().filter(|motor| motor.heeds.contains(&what));
-            names.extend(motors.map(|motor| format!("{board}.{}", motor.name)));
+        for (board, description) in self.boards.iter().zip(&self.descriptions) {
+            names.extend(description.capabilities.contains(&what).then(|| board.clone()));
+            let motors = description.motors.iter().zip(0..).filter(|(motor, _)| motor.capabilities.contains(&what));
+            names.extend(motors.map(|(_, motor)| match description.motor_name(motor) {
+                Some(name) => format!("{board}.{name}"),
+                None => board.clone(),
+            }));
         }
         names
     }
@@ -89,7 +86,8 @@ impl Names {
     /// # Errors
     /// Where, and the nearest known name.
     pub fn signal(&self, board: NodeId, name: &Spanned<String>) -> Result<u8, Complaint> {
-        find(&format!("quantity of '{}'", self.boards[board]), name, &self.signals[board]).map(|place| place as u8)
+        let known: Vec<String> = self.descriptions[board].signals.iter().map(|signal| signal.name.clone()).collect();
+        find(&format!("quantity of '{}'", self.boards[board]), name, &known).map(|place| place as u8)
     }
 }
 

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::ops::RangeInclusive;
 
-use torno_protocol::board::{Board, Deadline, Description, Input, Output, Signal, Stimulus, Wait};
+use torno_protocol::board::{Board, Deadline, Description, Input, Output, Role, Signal, Stimulus, Wait};
 use torno_protocol::clock::{Clock, Rate};
 use torno_protocol::time::Instant;
 use torno_protocol::uart::{Character, Receiver, Transmitter};
@@ -185,10 +185,10 @@ impl<P: PcProgram> Board for PcUart<P> {
     fn description(&self) -> Description {
         Description {
             ports: vec!["cable".to_owned()],
-            signals: vec![Signal::new("stopped", 0)],
+            signals: vec![Signal::new("stopped", 0).with_role(Role::State)],
             events: PcEvent::TEXTS.map(str::to_owned).to_vec(),
             waits: vec![Wait { signal: STOPPED, ports: vec![0] }],
-            heeds: Vec::new(),
+            capabilities: Vec::new(),
             motors: Vec::new(),
         }
     }

@@ -30,10 +30,10 @@ pub struct Kind {
     pub(crate) settings: fn() -> Vec<Setting>,
     /// Builds a board of this kind as at power-on.
     pub(crate) build: fn(&Settings<'_>, Clock) -> Result<Built, Complaint>,
-    /// The motor of such a board; of several, the one with this name.
-    pub(crate) motor: fn(&Settings<'_>, Option<&str>) -> Result<Option<Motor>, Complaint>,
-    /// How far the carriage goes for each count of a quantity, in mm.
-    pub(crate) mm_per_count: fn(&Settings<'_>, &str) -> Result<Option<f64>, Complaint>,
+    /// The motor at this place among such a board's.
+    pub(crate) motor: fn(&Settings<'_>, u8) -> Result<Option<Motor>, Complaint>,
+    /// How far the carriage of the motor at this place goes for each count of its encoder, in mm.
+    pub(crate) mm_per_count: fn(&Settings<'_>, u8) -> Result<Option<f64>, Complaint>,
 }
 
 /// A board of any kind with its stepper.
@@ -113,22 +113,22 @@ pub fn build_parsed(kind: &str, settings: &Settings<'_>, clock: Clock) -> Result
     (find(kind)?.build)(settings, clock).map_err(|complaint| wrong(kind, complaint))
 }
 
-/// The motor of a board of that kind with these settings (TOML); None if it has none. Of several motors, the one with
-/// this name.
+/// The motor at this place among those of a board of that kind with these settings (TOML); None if it has none that can
+/// be driven freely.
 ///
 /// # Errors
 /// [`KindError`] if there is no such kind, or its settings are wrong.
-pub fn motor(kind: &str, settings: &str, which: Option<&str>) -> Result<Option<Motor>, KindError> {
-    with(kind, settings, |found, settings| (found.motor)(settings, which))
+pub fn motor(kind: &str, settings: &str, motor: u8) -> Result<Option<Motor>, KindError> {
+    with(kind, settings, |found, settings| (found.motor)(settings, motor))
 }
 
-/// How far the carriage of a board of that kind goes for each count of a quantity, in mm, by its screw and its encoder;
-/// None if the quantity counts no carriage. `settings` is TOML.
+/// How far the carriage of the motor at this place among those of a board of that kind goes for each count of its
+/// encoder, in mm; None if it moves no carriage. `settings` is TOML.
 ///
 /// # Errors
 /// [`KindError`] if there is no such kind, or its settings are wrong.
-pub fn mm_per_count(kind: &str, settings: &str, quantity: &str) -> Result<Option<f64>, KindError> {
-    with(kind, settings, |found, settings| (found.mm_per_count)(settings, quantity))
+pub fn mm_per_count(kind: &str, settings: &str, motor: u8) -> Result<Option<f64>, KindError> {
+    with(kind, settings, |found, settings| (found.mm_per_count)(settings, motor))
 }
 
 fn with<T>(
@@ -187,20 +187,23 @@ pub(crate) fn boxed<B: Board + Send + 'static>(board: B) -> Box<dyn Steps> {
 
 #[cfg(test)]
 mod tests {
+    use torno_protocol::board::{Capability, Role};
+
     use super::*;
 
     #[test]
     fn a_count_is_what_screw_and_encoder_make_of_it() {
-        let worth = |kind: &str, settings: &str, quantity: &str| mm_per_count(kind, settings, quantity).unwrap();
-        assert_eq!(worth("transverse", "", "position_counts"), Some(2.0 / 900.0));
-        assert_eq!(worth("transverse", "plant.pitch_mm = 1.0", "position_counts"), Some(1.0 / 900.0));
-        assert_eq!(worth("depth", "encoder.slots = 450", "carriage_offset_counts"), Some(160.0 / 450.0));
-        assert_eq!(worth("dspic", "depth.encoder.slots = 600", "depth_position_counts"), Some(160.0 / 600.0));
-        assert_eq!(worth("dspic", "transverse.plant.pitch_mm = 4.0", "transverse_position_counts"), Some(4.0 / 900.0));
-        assert_eq!(worth("servo", "", "position_counts"), Some(1.0 / 125.0));
-        assert_eq!(worth("dspic", "", "spindle_speed_rpm"), None);
-        assert_eq!(worth("spindle", "", "position_counts"), None);
-        assert!(mm_per_count("lathe", "", "position_counts").is_err());
+        let worth = |kind: &str, settings: &str, motor: u8| mm_per_count(kind, settings, motor).unwrap();
+        assert_eq!(worth("transverse", "", 0), Some(2.0 / 900.0));
+        assert_eq!(worth("transverse", "plant.pitch_mm = 1.0", 0), Some(1.0 / 900.0));
+        assert_eq!(worth("depth", "encoder.slots = 450", 0), Some(160.0 / 450.0));
+        assert_eq!(worth("dspic", "depth.encoder.slots = 600", 2), Some(160.0 / 600.0));
+        assert_eq!(worth("dspic", "transverse.plant.pitch_mm = 4.0", 1), Some(4.0 / 900.0));
+        assert_eq!(worth("servo", "", 0), Some(1.0 / 125.0));
+        assert_eq!([0, 3].map(|motor| worth("dspic", "", motor)), [None, None]);
+        assert_eq!(worth("depth", "", 1), None);
+        assert_eq!(worth("spindle", "", 0), None);
+        assert!(mm_per_count("lathe", "", 0).is_err());
     }
 
     /// Whatever the board, it is the value that a complaint points at: by the type, by the range or by the names.
@@ -234,6 +237,22 @@ mod tests {
         for kind in names() {
             build(kind, "", Clock::TRUE).unwrap();
             assert!(settings(kind).unwrap().iter().all(|setting| !setting.source.is_empty()), "{kind}");
+        }
+    }
+
+    #[test]
+    fn a_motors_quantities_say_which_motor_they_are_about() {
+        for kind in names() {
+            let description = build(kind, "", Clock::TRUE).unwrap().description();
+            for (motor, named) in (0..).zip(&description.motors) {
+                assert!(description.signal(motor, Role::Drive, None).is_some(), "{kind} {}", named.name);
+                let at = [Role::Position, Role::Speed].map(|role| description.signal(motor, role, Some("counts")));
+                let is_axis = named.capabilities.contains(&Capability::Axis);
+                assert_eq!(at.map(|place| place.is_some()), [is_axis, !is_axis], "{kind} {}", named.name);
+                assert_eq!(mm_per_count(kind, "", motor).unwrap().is_some(), is_axis, "{kind} {}", named.name);
+            }
+            let motors = description.signals.iter().filter_map(|signal| signal.motor);
+            assert!(motors.max().is_none_or(|most| usize::from(most) + 1 == description.motors.len()), "{kind}");
         }
     }
 }

@@ -4,9 +4,9 @@
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Encoder {
     /// The counts of the window that ends at the sample.
-    Window(&'static str),
+    Window,
     /// The count since the start.
-    Position(&'static str),
+    Position,
 }
 
 /// What regulates a motor: its settings' names, with dots if they are in a table, and their values.

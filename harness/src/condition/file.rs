@@ -178,7 +178,7 @@ impl RawCondition {
             Self { event: Some(event), .. } => {
                 let board = self.board.as_ref().ok_or_else(|| (place, "event: expected its board, too".to_owned()))?;
                 let node = names.board(board)?;
-                let known: Vec<&str> = names.events[node].iter().map(String::as_str).collect();
+                let known: Vec<&str> = names.descriptions[node].events.iter().map(String::as_str).collect();
                 let found = known.iter().position(|text| text == event.get_ref());
                 let number = found.ok_or_else(|| {
                     let message = format!("'{}' has no event '{}'", board.get_ref(), event.get_ref());
@@ -205,7 +205,10 @@ impl RawCondition {
         let board = self.board.as_ref().ok_or_else(|| wrong("quantity: expected its board, too"))?;
         let node = names.board(board)?;
         let signal = names.signal(node, quantity)?;
-        let bound = |bound: &Option<Spanned<Value>>| bound.as_ref().map(|bound| number(bound, quantity)).transpose();
+        let unit =
+            Some(names.descriptions[node].signals[usize::from(signal)].unit.as_str()).filter(|unit| !unit.is_empty());
+        let bound =
+            |bound: &Option<Spanned<Value>>| bound.as_ref().map(|bound| number(bound, quantity, unit)).transpose();
         let (least, most) = match (bound(&self.equals)?, bound(&self.at_least)?, bound(&self.at_most)?) {
             (Some(value), None, None) => (value, value),
             (None, None, None) | (Some(_), ..) => return Err(wrong("expected equals, or at_least, at_most or both")),
@@ -220,8 +223,7 @@ impl RawCondition {
 }
 
 /// A bound: a whole number, or one with the unit that the quantity has: `200`, `"200 rpm"`.
-fn number(bound: &Spanned<Value>, quantity: &Spanned<String>) -> Result<i64, Complaint> {
-    let unit = unit_of(quantity.get_ref());
+fn number(bound: &Spanned<Value>, quantity: &Spanned<String>, unit: Option<&str>) -> Result<i64, Complaint> {
     let wrong = |why: &str| {
         let expected = match unit {
             Some(unit) => format!("expected a whole number of {unit}, such as 200 or \"200 {unit}\""),
@@ -243,13 +245,4 @@ fn number(bound: &Spanned<Value>, quantity: &Spanned<String>) -> Result<i64, Com
         }
         _ => wrong(""),
     }
-}
-
-/// The units that quantities have: the last word of their names.
-const UNITS: [&str; 3] = ["counts", "rpm", "increments"];
-
-/// The unit of a quantity, if it has one.
-fn unit_of(quantity: &str) -> Option<&'static str> {
-    let last = quantity.rsplit_once('_')?.1;
-    UNITS.into_iter().find(|unit| *unit == last)
 }

@@ -279,16 +279,16 @@ impl RawFault {
         (node, motor): (NodeId, Option<u8>),
         ailment: Ailment,
     ) -> Result<(), Complaint> {
-        let heeding: Vec<String> = match ailment.needs() {
+        let capable: Vec<String> = match ailment.needs() {
             None if motor.is_none() => return Ok(()),
             None => vec![names.boards[node].clone()],
-            Some(needed) => names.heeding(needed),
+            Some(needed) => names.capable(needed),
         };
-        if heeding.iter().any(|name| name == place) {
+        if capable.iter().any(|name| name == place) {
             return Ok(());
         }
         let message = format!("'{}' means nothing to '{place}'", self.kind.get_ref());
-        Err((self.kind.span(), format!("{message}: expected one of the boards {}", heeding.join(", "))))
+        Err((self.kind.span(), format!("{message}: expected one of the boards {}", capable.join(", "))))
     }
 
     /// What it says beyond its place, its kind and its time, and where.

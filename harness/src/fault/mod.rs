@@ -10,7 +10,7 @@ pub use faults::{Faults, HealError, Planned, Trigger};
 pub(crate) use file::text_drawn;
 pub use file::{BOARD_KINDS, FaultFile, FaultFileError, LINE_KINDS, RawFault, load, parse};
 
-use torno_protocol::board::{Heeds, Stimulus};
+use torno_protocol::board::{Capability, MotorStimulus, Stimulus};
 use torno_protocol::clock::Clock;
 use torno_protocol::time::{Instant, Span};
 
@@ -157,9 +157,9 @@ impl Fault {
             }
             What::Board(node, motor, ailment) => {
                 let usual = rig.nodes()[*node].clock;
-                let (begin, cure) = ailment.stimuli(usual);
-                let told = |stimulus: Stimulus| motor.map_or(stimulus.clone(), |motor| stimulus.of(motor));
-                let since = begin.map_or(at, |stimulus| rig.stimulate(*node, at, told(stimulus)));
+                // A board that is named without a motor has one at the most.
+                let (begin, cure) = ailment.stimuli(usual, motor.unwrap_or(0));
+                let since = begin.map_or(at, |stimulus| rig.stimulate(*node, at, stimulus));
                 let until = self.until(since);
                 let drift = match ailment {
                     // One that goes nowhere would have no end of steps.
@@ -169,7 +169,7 @@ impl Fault {
                     }
                     _ => None,
                 };
-                let cure = cure.into_iter().map(|cure| (*node, told(cure))).collect();
+                let cure = cure.into_iter().map(|cure| (*node, cure)).collect();
                 Broken { since, line: None, until, cure, drift }
             }
         }
@@ -211,18 +211,18 @@ impl Broken {
 }
 
 impl Ailment {
-    /// What a board must heed for this to mean anything to it.
-    const fn needs(self) -> Option<Heeds> {
+    /// What a board or its motor must be capable of for this to mean anything to it.
+    const fn needs(self) -> Option<Capability> {
         match self {
-            Self::Reset => Some(Heeds::Reset),
-            Self::Counts(_) | Self::Stall | Self::Load(_) | Self::Supply(_) => Some(Heeds::Motor),
-            Self::Backlash(_) | Self::EndStop(_) => Some(Heeds::Axis),
+            Self::Reset => Some(Capability::Reset),
+            Self::Counts(_) | Self::Stall | Self::Load(_) | Self::Supply(_) => Some(Capability::Motor),
+            Self::Backlash(_) | Self::EndStop(_) => Some(Capability::Axis),
             Self::Crash | Self::Hang | Self::PowerOff | Self::Slow(_) | Self::Clock(_) | Self::Drift(_) => None,
         }
     }
 
     /// What a board is told when it begins, and when it is healed.
-    fn stimuli(self, usual: Clock) -> (Option<Stimulus>, Vec<Stimulus>) {
+    fn stimuli(self, usual: Clock, motor: u8) -> (Option<Stimulus>, Vec<Stimulus>) {
         let (begin, cure) = match self {
             Self::Crash => (Stimulus::Hang(true), vec![Stimulus::Power(false), Stimulus::Power(true)]),
             Self::Hang => (Stimulus::Hang(true), vec![Stimulus::Hang(false)]),
@@ -231,12 +231,18 @@ impl Ailment {
             Self::Slow(by) => (Stimulus::Slow(by), vec![Stimulus::Slow(Span::ZERO)]),
             Self::Clock(clock) => (Stimulus::Clock(clock), vec![Stimulus::Clock(usual)]),
             Self::Drift(_) => return (None, vec![Stimulus::Clock(usual)]),
-            Self::Counts(counts) => (Stimulus::Counts(counts), vec![]),
-            Self::Stall => (Stimulus::Stall(true), vec![Stimulus::Stall(false)]),
-            Self::Load(load) => (Stimulus::Load(load), vec![Stimulus::Load(0)]),
-            Self::Supply(supply) => (Stimulus::Supply(supply), vec![Stimulus::Supply(1000)]),
-            Self::Backlash(counts) => (Stimulus::Backlash(counts), vec![Stimulus::Backlash(0)]),
-            Self::EndStop(counts) => (Stimulus::EndStop(counts), vec![Stimulus::EndStop(0)]),
+            Self::Counts(counts) => (MotorStimulus::Counts(counts).of(motor), vec![]),
+            Self::Stall => (MotorStimulus::Stall(true).of(motor), vec![MotorStimulus::Stall(false).of(motor)]),
+            Self::Load(load) => (MotorStimulus::Load(load).of(motor), vec![MotorStimulus::Load(0).of(motor)]),
+            Self::Supply(supply) => {
+                (MotorStimulus::Supply(supply).of(motor), vec![MotorStimulus::Supply(1000).of(motor)])
+            }
+            Self::Backlash(counts) => {
+                (MotorStimulus::Backlash(counts).of(motor), vec![MotorStimulus::Backlash(0).of(motor)])
+            }
+            Self::EndStop(counts) => {
+                (MotorStimulus::EndStop(counts).of(motor), vec![MotorStimulus::EndStop(0).of(motor)])
+            }
         };
         (Some(begin), cure)
     }

@@ -1,7 +1,7 @@
 //! The bench: a board's motor is driven in its service mode, and its encoder listened to.
 
 use torno_identify::{Data, Finding, Sample, Sensor, prbs};
-use torno_protocol::board::Stimulus;
+use torno_protocol::board::{Description, MotorStimulus, Role};
 use torno_protocol::clock::{Clock, Rate, Ticks};
 use torno_protocol::time::Instant;
 
@@ -91,8 +91,8 @@ pub struct Subject {
     pub board: String,
     /// The motor.
     pub motor: Motor,
-    /// Its place among the board's motors, if it has several.
-    place: Option<u8>,
+    /// Its place among the board's motors.
+    place: u8,
     clock: Clock,
 }
 
@@ -172,24 +172,27 @@ impl Subject {
             return Err(BenchError::NoBoard { rig, board: board.to_owned(), hint });
         };
         let found = &file.boards[node];
-        let motors: Vec<&str> = found.description.motors.iter().map(|motor| motor.name.as_str()).collect();
+        let description = &found.description;
+        let several: Vec<&str> =
+            (0..description.motors.len() as u8).filter_map(|motor| description.motor_name(motor)).collect();
         let place = match which {
-            None if !motors.is_empty() => {
-                let known: Vec<String> = motors.iter().map(|motor| format!("{board}.{motor}")).collect();
+            None if !several.is_empty() => {
+                let known: Vec<String> = several.iter().map(|motor| format!("{board}.{motor}")).collect();
                 return Err(BenchError::SeveralMotors { board: board.to_owned(), known: known.join(", ") });
             }
-            None => None,
-            Some(which) => match motors.iter().position(|motor| *motor == which).and_then(|n| u8::try_from(n).ok()) {
-                Some(place) => Some(place),
+            None => 0,
+            Some(which) => match several.iter().position(|motor| *motor == which) {
+                Some(place) => place as u8,
                 None => {
-                    let (motor, hint) = (which.to_owned(), nearest(which, &motors));
+                    let (motor, hint) = (which.to_owned(), nearest(which, &several));
                     return Err(BenchError::NoSuchMotor { motor, board: board.to_owned(), hint });
                 }
             },
         };
-        let Some(motor) = kinds::motor(&found.kind, &found.settings, which)? else {
+        let Some(motor) = kinds::motor(&found.kind, &found.settings, place)? else {
             let has_motor = |other: &&crate::rig::file::Board| {
-                kinds::motor(&other.kind, &other.settings, None).is_ok_and(|m| m.is_some())
+                other.description.motors.len() == 1
+                    && kinds::motor(&other.kind, &other.settings, 0).is_ok_and(|m| m.is_some())
             };
             let known: Vec<&str> = file.boards.iter().filter(has_motor).map(|board| board.name.as_str()).collect();
             let expected = if known.is_empty() {
@@ -212,9 +215,9 @@ impl Subject {
         format!("{}.{name}", self.board)
     }
 
-    /// What the board calls a quantity of this motor.
-    pub fn signal(&self, name: &str) -> String {
-        self.board.split_once('.').map_or_else(|| name.to_owned(), |(_, motor)| format!("{motor}_{name}"))
+    /// The place of a quantity of this motor among those of its board.
+    pub fn signal(&self, board: &Description, role: Role, unit: Option<&str>) -> Option<u8> {
+        board.signal(self.place, role, unit)
     }
 
     /// Whether it moves an axis, whose position its law regulates.
@@ -247,13 +250,12 @@ impl Subject {
     async fn drive(&self, mut session: Session, mut program: Program, seconds: f64) -> Result<Vec<Point>, BenchError> {
         let rate = Rate::fraction(1_000, u64::from(self.motor.period_ms));
         let ticks = Ticks::new(Instant::START, rate, self.clock);
-        let signals = &session.rig().nodes()[self.node].description.signals;
-        let place = |name: &str| {
-            let name = self.signal(name);
-            signals.iter().position(|signal| signal.name == name).map_or(u8::MAX, |place| place as u8)
+        let board = &session.rig().nodes()[self.node].description;
+        let counted = match self.motor.encoder {
+            Encoder::Window => self.signal(board, Role::Speed, Some("counts")),
+            Encoder::Position => self.signal(board, Role::Position, None),
         };
-        let (Encoder::Window(name) | Encoder::Position(name)) = self.motor.encoder;
-        let (counted, driven) = (place(name), place("drive"));
+        let [counted, driven] = [counted, self.signal(board, Role::Drive, None)].map(|place| place.unwrap_or(u8::MAX));
         let count = (seconds * 1_000.0 / f64::from(self.motor.period_ms)).round() as u64;
         let mut points: Vec<Point> = Vec::new();
         for n in BEFORE..=BEFORE + count {
@@ -267,8 +269,7 @@ impl Subject {
             let time = ticks.at(n).as_secs_f64();
             points.push(Point { time, count, drive: 0 });
             let per_mille = program.next(points.len() - 1, count);
-            let drive = Stimulus::Drive(per_mille);
-            session.stimulate(self.node, after, self.place.map_or(drive.clone(), |place| drive.of(place)));
+            session.stimulate(self.node, after, MotorStimulus::Drive(per_mille).of(self.place));
         }
         Ok(points)
     }
@@ -278,8 +279,8 @@ impl Subject {
         let motor = &self.motor;
         let sample = |pair: &[Point]| {
             let counts = match motor.encoder {
-                Encoder::Window(_) => pair[1].count,
-                Encoder::Position(_) => pair[1].count - pair[0].count,
+                Encoder::Window => pair[1].count,
+                Encoder::Position => pair[1].count - pair[0].count,
             };
             let speed = counts as f64 * motor.count / (pair[1].time - pair[0].time);
             Sample { time: pair[1].time, input: pair[0].drive as f64 * motor.full.0 / motor.full.1 as f64, speed }

@@ -7,7 +7,7 @@ use serde::Serialize;
 use torno_identify::design::{Lead, Pid, Printed};
 use torno_identify::discrete::Discrete;
 use torno_identify::{Complex, Finding, FirstOrder, response};
-use torno_protocol::board::Stimulus;
+use torno_protocol::board::{Description, Role, Stimulus};
 use torno_protocol::time::{Instant, Span};
 
 use super::bench::Subject;
@@ -384,8 +384,6 @@ async fn watch(file: &RigFile, subject: &Subject, seconds: u64) -> Result<Seen, 
         if subject.is_axis() { [&[0], &MOVE[..], &[0, 0, 0]].concat() } else { [&[SPEED][..], &[0; 7]].concat() };
     let node = session.rig().pc();
     session.stimulate(node, Instant::START + SENT.max(file.margin()), Stimulus::Write(frame));
-    let signals: Vec<String> =
-        session.rig().nodes()[subject.node].description.signals.iter().map(|signal| signal.name.clone()).collect();
     let mut history = Vec::new();
     let end = Instant::START + Span::from_secs(seconds);
     session
@@ -394,23 +392,23 @@ async fn watch(file: &RigFile, subject: &Subject, seconds: u64) -> Result<Seen, 
                 if let Fact::Telemetry { node, at, signal, value } = fact
                     && node == subject.node
                 {
-                    history.push((at, usize::from(signal), value as f64));
+                    history.push((at, signal, value as f64));
                 }
             }
         })
         .await?;
     history.sort_by_key(|(at, ..)| *at);
-    Ok(Seen::of(subject, &signals, &history, seconds))
+    Ok(Seen::of(subject, &session.rig().nodes()[subject.node].description, &history, seconds))
 }
 
 impl Seen {
     /// Of a board's telemetry, which tells changes only.
-    fn of(subject: &Subject, signals: &[String], history: &[(Instant, usize, f64)], seconds: u64) -> Self {
-        let place = |name: &str| signals.iter().position(|signal| *signal == subject.signal(name));
+    fn of(subject: &Subject, board: &Description, history: &[(Instant, u8, f64)], seconds: u64) -> Self {
         let period = f64::from(subject.motor.period_ms) / 1_000.0;
         // As it is at each sample.
-        let sampled = |name: &str| -> Vec<(f64, f64)> {
-            let mut changes = history.iter().filter(|(_, signal, _)| Some(*signal) == place(name)).peekable();
+        let sampled = |role: Role, unit: Option<&str>| -> Vec<(f64, f64)> {
+            let place = subject.signal(board, role, unit);
+            let mut changes = history.iter().filter(|(_, signal, _)| Some(*signal) == place).peekable();
             let mut value = 0.0;
             let count = (seconds as f64 / period) as u32;
             let sample = |n: u32| {
@@ -422,9 +420,9 @@ impl Seen {
             };
             (0..count).map(sample).collect()
         };
-        let drive = sampled("drive");
+        let drive = sampled(Role::Drive, None);
         if subject.is_axis() {
-            let (path, wanted) = (sampled("position_counts"), sampled("set_point_counts"));
+            let (path, wanted) = (sampled(Role::Position, None), sampled(Role::SetPoint, None));
             let lag = path.iter().zip(&wanted).map(|((_, y), (_, r))| (r - y).abs()).fold(0.0, f64::max);
             let peak = path.iter().map(|(_, y)| *y).fold(0.0, f64::max);
             let end = wanted.iter().position(|(_, r)| *r == DISTANCE).map(|place| wanted[place].0);
@@ -443,8 +441,8 @@ impl Seen {
         }
         let rpm = subject.motor.count * 60.0 / core::f64::consts::TAU / period;
         let counted: Vec<(f64, f64)> =
-            sampled("speed_counts").into_iter().map(|(t, counts)| (t, rpm * counts)).collect();
-        let wanted = sampled("set_point_rpm");
+            sampled(Role::Speed, Some("counts")).into_iter().map(|(t, counts)| (t, rpm * counts)).collect();
+        let wanted = sampled(Role::SetPoint, None);
         // Time counts from the sample at which the frame has arrived.
         let begin = wanted.iter().position(|(_, rpm)| *rpm > 0.0).unwrap_or(0);
         let shift =

@@ -1,8 +1,9 @@
 //! What the buses of a rig cost: how long a frame takes, how long the PC is held, how well an axis follows, and what
-//! goes over each line. Quantities are known by their names, so that it serves any rig.
+//! goes over each line. Quantities are known by their roles, so that it serves any rig.
 
 use std::collections::{BTreeMap, VecDeque};
 
+use torno_protocol::board::Role;
 use torno_protocol::lathe::{Reply, ReplyDecoder};
 use torno_protocol::time::{Instant, Span};
 
@@ -12,9 +13,6 @@ use torno_protocol::layout::{BoardLayout, Layout};
 
 /// The bytes of a frame.
 const FRAME: usize = 8;
-/// How the names of an axis's position and of its set point end.
-const POSITION: &str = "position_counts";
-const SET_POINT: &str = "set_point_counts";
 
 /// Takes note of what happens in a rig.
 #[derive(Clone, Debug)]
@@ -173,23 +171,21 @@ impl Account {
     }
 }
 
-/// The axes of a board: what has a position.
+/// The axes of a board: each motor that has a position.
 fn followers(node: NodeId, board: &BoardLayout) -> Vec<Follower> {
-    let signals = &board.description.signals;
-    let place = |name: &str| signals.iter().position(|signal| signal.name == name).map(|place| place as u8);
-    let axis = |prefix: &str| {
-        let name = prefix.trim_end_matches('_');
+    let description = &board.description;
+    let axis = |motor: u8| {
         Some(Follower {
-            name: if name.is_empty() { board.name.clone() } else { name.to_owned() },
+            name: description.motor_name(motor).unwrap_or(&board.name).to_owned(),
             node,
-            position: place(&format!("{prefix}{POSITION}"))?,
-            set_point: place(&format!("{prefix}{SET_POINT}")),
+            position: description.signal(motor, Role::Position, None)?,
+            set_point: description.signal(motor, Role::SetPoint, None),
             at: Instant::START,
             values: [0; 2],
             worst: 0,
         })
     };
-    signals.iter().filter_map(|signal| axis(signal.name.strip_suffix(POSITION)?)).collect()
+    (0..description.motors.len() as u8).filter_map(axis).collect()
 }
 
 impl Follower {
@@ -283,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn an_axis_is_known_by_the_names_of_its_quantities() {
+    fn an_axis_is_known_by_the_roles_of_its_quantities() {
         let axes = |rig| ledger(rig).axes;
         let names = |rig| axes(rig).into_iter().map(|a| (a.name, a.set_point.is_some())).collect::<Vec<_>>();
         let expected = [("transverse".to_owned(), true), ("depth".to_owned(), false)];

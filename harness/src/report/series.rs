@@ -1,8 +1,6 @@
-//! Quantities over time: which of a board's belong together, by their names, and what of them is drawn.
-//!
-//! A name is a role and a unit, `speed_rpm`, with whose it is before it where a board has several motors:
-//! `spindle_speed_rpm`. Nothing else is known of a board here.
+//! Quantities over time: which of a board's belong together, by their roles and motors, and what of them is drawn.
 
+use torno_protocol::board::{Description, Role, Signal};
 use torno_protocol::time::Instant;
 
 use torno_engine::Fact;
@@ -19,7 +17,7 @@ pub struct Courses(Vec<Vec<Course>>);
 /// A motor of a board: how fast it was, or where, and what became of what it was to do.
 #[derive(Clone, Debug)]
 pub struct Motion {
-    /// The board's name, and whose motor it is, if it has several.
+    /// The board's name, and the motor's, if it has several.
     pub name: String,
     /// `speed` or `position`.
     pub what: &'static str,
@@ -62,72 +60,47 @@ impl Courses {
     /// The motors of a rig, in its order.
     pub fn motions(&self, trace: &Trace) -> Vec<Motion> {
         let boards = trace.header.layout.boards.iter().enumerate();
-        boards.flat_map(|(n, board)| Quantities::new(board, &self.0[n]).motions(&board.name)).collect()
+        boards.flat_map(|(n, board)| motions(&board.name, &board.description, &self.0[n])).collect()
     }
 }
 
-/// The quantities of one board.
-struct Quantities<'a>(Vec<(&'a str, &'a Course)>);
-
-impl<'a> Quantities<'a> {
-    fn new(board: &'a BoardLayout, courses: &'a [Course]) -> Self {
-        Self(board.description.signals.iter().map(|signal| signal.name.as_str()).zip(courses).collect())
-    }
-
-    fn find(&self, name: &str) -> Option<&'a Course> {
-        self.0.iter().find(|(known, _)| *known == name).map(|(_, course)| *course)
-    }
-
-    fn motions(&self, board: &str) -> Vec<Motion> {
-        let mut found: Vec<(&str, &'static str)> = Vec::new();
-        for (name, _) in &self.0 {
-            for what in ["speed", "position"] {
-                if let Some((whose, _)) = role(name, what)
-                    && !found.contains(&(whose, what))
-                {
-                    found.push((whose, what));
-                }
-            }
+/// The motors of one board, in the order in which their speeds and positions come.
+fn motions(board: &str, description: &Description, courses: &[Course]) -> Vec<Motion> {
+    let mut found: Vec<(u8, Role)> = Vec::new();
+    for signal in &description.signals {
+        if let (Some(motor), Role::Speed | Role::Position) = (signal.motor, signal.role)
+            && !found.contains(&(motor, signal.role))
+        {
+            found.push((motor, signal.role));
         }
-        found.into_iter().filter_map(|(whose, what)| self.motion(board, whose, what)).collect()
     }
-
-    fn motion(&self, board: &str, whose: &str, what: &'static str) -> Option<Motion> {
-        let named = |role: &str, unit: &str| self.find(&format!("{whose}{role}_{unit}"));
-        let units = self.0.iter().filter_map(|(name, _)| role(name, what).filter(|(of, _)| *of == whose));
-        let units: Vec<&str> = units.map(|(_, unit)| unit).collect();
-        // Of a quantity in several units, the one that a set point is told in.
-        let unit = *units.iter().find(|unit| named("set_point", unit).is_some()).or_else(|| units.first())?;
-        let got = named(what, unit)?;
-        let (asked, error) = match (named("set_point", unit), named("remaining", unit)) {
-            (Some(asked), _) => (Some(asked.clone()), Some(merged(asked, got, i64::saturating_sub))),
-            (None, Some(rest)) => (Some(merged(got, rest, i64::saturating_add)), Some(rest.clone())),
-            (None, None) => (None, None),
-        };
-        let offset = named("carriage_offset", unit).filter(|course| course.iter().any(|(_, value)| *value != 0));
-        let whose = whose.trim_end_matches('_');
-        Some(Motion {
-            name: if whose.is_empty() { board.to_owned() } else { format!("{board} {whose}") },
-            what,
-            unit: unit.replace('_', " "),
-            got: got.clone(),
-            asked,
-            error,
-            drive: self.find(&format!("{}drive", prefix(whose))).cloned(),
-            offset: offset.cloned(),
-        })
-    }
+    found.into_iter().filter_map(|(motor, role)| motion(board, description, courses, motor, role)).collect()
 }
 
-fn prefix(whose: &str) -> String {
-    if whose.is_empty() { String::new() } else { format!("{whose}_") }
-}
-
-/// Whose it is, and the unit, if a name has this role.
-fn role<'a>(name: &'a str, role: &str) -> Option<(&'a str, &'a str)> {
-    let (whose, rest) = name.split_once(role)?;
-    let unit = rest.strip_prefix('_').filter(|unit| !unit.is_empty())?;
-    (whose.is_empty() || whose.ends_with('_')).then_some((whose, unit))
+fn motion(board: &str, description: &Description, courses: &[Course], motor: u8, role: Role) -> Option<Motion> {
+    let find = |role: Role, unit: Option<&str>| courses.get(usize::from(description.signal(motor, role, unit)?));
+    let is_it = |signal: &&Signal| (signal.motor, signal.role) == (Some(motor), role);
+    let units: Vec<&str> = description.signals.iter().filter(is_it).map(|signal| signal.unit.as_str()).collect();
+    // Of a quantity in several units, the one that a set point is told in.
+    let is_asked = |unit: &&&str| find(Role::SetPoint, Some(unit)).is_some();
+    let unit = *units.iter().find(is_asked).or_else(|| units.first())?;
+    let got = find(role, Some(unit))?;
+    let (asked, error) = match (find(Role::SetPoint, Some(unit)), find(Role::Remaining, Some(unit))) {
+        (Some(asked), _) => (Some(asked.clone()), Some(merged(asked, got, i64::saturating_sub))),
+        (None, Some(rest)) => (Some(merged(got, rest, i64::saturating_add)), Some(rest.clone())),
+        (None, None) => (None, None),
+    };
+    let offset = find(Role::Offset, Some(unit)).filter(|course| course.iter().any(|(_, value)| *value != 0));
+    Some(Motion {
+        name: description.motor_name(motor).map_or_else(|| board.to_owned(), |motor| format!("{board} {motor}")),
+        what: if role == Role::Speed { "speed" } else { "position" },
+        unit: unit.to_owned(),
+        got: got.clone(),
+        asked,
+        error,
+        drive: find(Role::Drive, None).cloned(),
+        offset: offset.cloned(),
+    })
 }
 
 /// Two courses as one: whenever either changes, what comes of both.
@@ -175,41 +148,41 @@ pub fn decimated(course: &Course, until: Instant, columns: u64) -> Vec<(f64, f64
 
 #[cfg(test)]
 mod tests {
+    use torno_protocol::board::Motor;
+
     use super::*;
 
     fn course(points: &[(u64, i64)]) -> Course {
         points.iter().map(|(ms, value)| (Instant::from_nanos(ms * 1_000_000), *value)).collect()
     }
 
-    fn motions(quantities: &[(&str, Course)]) -> Vec<Motion> {
-        Quantities(quantities.iter().map(|(name, course)| (*name, course)).collect()).motions("b")
-    }
-
     #[test]
-    fn a_roles_name_tells_whose_it_is_and_its_unit() {
-        assert_eq!(role("speed_rpm", "speed"), Some(("", "rpm")));
-        assert_eq!(role("x_set_point_mm_per_s", "set_point"), Some(("x_", "mm_per_s")));
-        assert_eq!((role("topspeed_rpm", "speed"), role("speed", "speed")), (None, None));
-    }
-
-    #[test]
-    fn what_belongs_together_is_found_by_name() {
-        let found = motions(&[
-            ("speed_counts", course(&[(0, 0)])),
-            ("speed_rpm", course(&[(0, 0), (20, 7)])),
-            ("set_point_rpm", course(&[(0, 0), (10, 5)])),
-            ("drive", course(&[(0, 3)])),
-            ("x_position_counts", course(&[(0, 0), (10, 2)])),
-            ("x_remaining_counts", course(&[(0, 0), (5, 3), (10, 1)])),
-            ("frames", course(&[(0, 0)])),
-        ]);
+    fn what_belongs_together_is_found_by_role_and_motor() {
+        let of =
+            |motor: u8, role: Role, unit: &str| Signal::new("name", 0).with_unit(unit).with_role(role).of_motor(motor);
+        let (signals, courses): (Vec<Signal>, Vec<Course>) = [
+            (of(0, Role::Speed, "counts"), course(&[(0, 0)])),
+            (of(0, Role::Speed, "rpm"), course(&[(0, 0), (20, 7)])),
+            (of(0, Role::SetPoint, "rpm"), course(&[(0, 0), (10, 5)])),
+            (of(0, Role::Drive, "LSB"), course(&[(0, 3)])),
+            (of(1, Role::Position, "counts"), course(&[(0, 0), (10, 2)])),
+            (of(1, Role::Remaining, "counts"), course(&[(0, 0), (5, 3), (10, 1)])),
+            (Signal::new("position_counts", 0), course(&[(0, 0)])),
+        ]
+        .into_iter()
+        .unzip();
+        let motor = |name: &str| Motor { name: name.to_owned(), capabilities: Vec::new() };
+        let description = Description { signals, motors: vec![motor("s"), motor("x")], ..Description::default() };
+        let found = motions("b", &description, &courses);
         let [speed, x] = &found[..] else { panic!("{found:?}") };
-        assert_eq!((speed.name.as_str(), speed.what, speed.unit.as_str()), ("b", "speed", "rpm"));
+        assert_eq!((speed.name.as_str(), speed.what, speed.unit.as_str()), ("b s", "speed", "rpm"));
         assert_eq!(speed.error, Some(course(&[(0, 0), (10, 5), (20, -2)])));
         assert!(speed.drive.is_some() && x.drive.is_none());
         // Both change at one instant: the set point does not.
         assert_eq!(x.asked, Some(course(&[(0, 0), (5, 3), (10, 3)])));
         assert_eq!((x.name.as_str(), x.what), ("b x", "position"));
+        let one = Description { motors: vec![motor("s")], ..description };
+        assert_eq!(motions("b", &one, &courses)[0].name, "b");
     }
 
     #[test]

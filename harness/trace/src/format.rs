@@ -143,11 +143,20 @@ fn put_edge(gap: u64, level: Level, buffer: &mut Vec<u8>) {
 pub(super) struct Entries<'a> {
     rest: &'a [u8],
     last: u64,
+    what: ReadWhat,
+}
+
+/// Reads what came from outside, as a version of the format has it; gives the bytes that follow it.
+pub(super) type ReadWhat = fn(&[u8]) -> Option<(What, &[u8])>;
+
+/// As this version has it.
+pub(super) fn what(bytes: &[u8]) -> Option<(What, &[u8])> {
+    postcard::take_from_bytes(bytes).ok()
 }
 
 impl<'a> Entries<'a> {
-    pub(super) const fn new(bytes: &'a [u8]) -> Self {
-        Self { rest: bytes, last: 0 }
+    pub(super) const fn new(bytes: &'a [u8], what: ReadWhat) -> Self {
+        Self { rest: bytes, last: 0, what }
     }
 
     pub(super) const fn is_empty(&self) -> bool {
@@ -173,7 +182,7 @@ impl<'a> Entries<'a> {
             INPUT if number == 0 => {
                 let given = self.varint()?;
                 let given = Instant::from_nanos(i64::try_from(given).ok()? as u64);
-                let (what, rest) = postcard::take_from_bytes(self.rest).ok()?;
+                let (what, rest) = (self.what)(self.rest)?;
                 self.rest = rest;
                 Entry::Input(Input { given, at, what })
             }

@@ -7,7 +7,7 @@ use xxhash_rust::xxh3::xxh3_64_with_seed;
 
 use torno_protocol::layout::Layout;
 
-use crate::format::{self, Entries, Entry, Header, MAGIC, PREFIX, VERSION};
+use crate::format::{self, Entries, Entry, Header, MAGIC, PREFIX, ReadWhat, VERSION};
 use crate::{Trace, v3};
 
 /// The oldest version that is read.
@@ -55,12 +55,12 @@ pub fn read(
     layout: impl Fn(&str, &str) -> Option<Layout>,
 ) -> Result<(Trace, Option<Damage>), Damage> {
     let mut blocks = Blocks { input, byte: 0, number: 0 };
-    let header = blocks.header(layout)?;
+    let (header, what) = blocks.header(layout)?;
     let mut trace = Trace::new(header);
     loop {
         let byte = blocks.byte;
         let whole = match blocks.next() {
-            Ok(Some(payload)) => match add(&payload, &mut trace) {
+            Ok(Some(payload)) => match add(&payload, &mut trace, what) {
                 Some(()) => Ok(()),
                 None => Err(Damage::Corrupt { byte }),
             },
@@ -75,7 +75,7 @@ pub fn read(
 }
 
 /// Adds a block to a trace, whole or not at all.
-fn add(payload: &[u8], trace: &mut Trace) -> Option<()> {
+fn add(payload: &[u8], trace: &mut Trace, what: ReadWhat) -> Option<()> {
     if trace.end.is_some() {
         return None;
     }
@@ -85,7 +85,7 @@ fn add(payload: &[u8], trace: &mut Trace) -> Option<()> {
             let settled = u64::from_le_bytes(*settled);
             i64::try_from(settled).ok()?;
             let (facts, inputs) = (trace.facts.len(), trace.inputs.len());
-            if add_entries(entries, trace).is_none() {
+            if add_entries(entries, trace, what).is_none() {
                 trace.facts.truncate(facts);
                 trace.inputs.truncate(inputs);
                 return None;
@@ -102,8 +102,8 @@ fn add(payload: &[u8], trace: &mut Trace) -> Option<()> {
     Some(())
 }
 
-fn add_entries(entries: &[u8], trace: &mut Trace) -> Option<()> {
-    let mut entries = Entries::new(entries);
+fn add_entries(entries: &[u8], trace: &mut Trace, what: ReadWhat) -> Option<()> {
+    let mut entries = Entries::new(entries, what);
     while !entries.is_empty() {
         match entries.next(&trace.header)? {
             Entry::Fact(fact) => trace.facts.push(fact),
@@ -121,7 +121,8 @@ struct Blocks<R> {
 }
 
 impl<R: Read> Blocks<R> {
-    fn header(&mut self, layout: impl Fn(&str, &str) -> Option<Layout>) -> Result<Header, Damage> {
+    /// The header, and how the rest of the file has what came from outside.
+    fn header(&mut self, layout: impl Fn(&str, &str) -> Option<Layout>) -> Result<(Header, ReadWhat), Damage> {
         let start = self.take(MAGIC.len() as u64 + 2)?;
         let (magic, version) = start.split_at_checked(MAGIC.len()).ok_or(Damage::Foreign)?;
         if magic != MAGIC {
@@ -143,7 +144,8 @@ impl<R: Read> Blocks<R> {
             }
             _ => None,
         };
-        header.ok_or(Damage::Corrupt { byte })
+        let what = if version == v3::VERSION { v3::what } else { format::what };
+        header.map(|header| (header, what as ReadWhat)).ok_or(Damage::Corrupt { byte })
     }
 
     /// The payload of the next block; none at the end.
@@ -178,7 +180,7 @@ impl<R: Read> Blocks<R> {
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
-    use torno_protocol::board::Stimulus;
+    use torno_protocol::board::{MotorStimulus, Stimulus};
     use torno_protocol::line::{Edge, Level};
     use torno_protocol::time::Span;
 
@@ -278,18 +280,18 @@ mod tests {
         let stimulus = prop_oneof![
             any::<bool>().prop_map(Stimulus::Hang),
             any::<bool>().prop_map(Stimulus::Stop),
-            any::<bool>().prop_map(Stimulus::Stall),
+            any::<bool>().prop_map(|value| MotorStimulus::Stall(value).of(0)),
             Just(Stimulus::Reset),
             Just(Stimulus::Discard),
             any::<bool>().prop_map(Stimulus::Power),
             any::<u32>().prop_map(|ns| Stimulus::Slow(Span::from_nanos(u64::from(ns)))),
-            any::<i32>().prop_map(Stimulus::Counts),
-            any::<i32>().prop_map(Stimulus::Load),
-            any::<u16>().prop_map(Stimulus::Supply),
-            any::<u16>().prop_map(Stimulus::Backlash),
-            any::<i32>().prop_map(Stimulus::EndStop),
-            any::<i32>().prop_map(Stimulus::Drive),
-            (any::<u8>(), any::<i32>()).prop_map(|(motor, load)| Stimulus::Load(load).of(motor)),
+            any::<i32>().prop_map(|value| MotorStimulus::Counts(value).of(0)),
+            any::<i32>().prop_map(|value| MotorStimulus::Load(value).of(0)),
+            any::<u16>().prop_map(|value| MotorStimulus::Supply(value).of(0)),
+            any::<u16>().prop_map(|value| MotorStimulus::Backlash(value).of(0)),
+            any::<i32>().prop_map(|value| MotorStimulus::EndStop(value).of(0)),
+            any::<i32>().prop_map(|value| MotorStimulus::Drive(value).of(0)),
+            (any::<u8>(), any::<i32>()).prop_map(|(motor, load)| MotorStimulus::Load(load).of(motor)),
             prop::collection::vec(any::<u8>(), 0..20).prop_map(Stimulus::Write),
             (any::<u32>(), any::<bool>()).prop_map(|(baud, ixon)| Stimulus::Configure { baud, ixon }),
         ];
@@ -484,9 +486,11 @@ mod tests {
             // The same with a good checksum.
             let mut trace = Trace::new(header());
             let payload = [&[format::ENTRIES][..], &settled.to_le_bytes(), &bytes].concat();
-            let _ = add(&payload, &mut trace);
+            for what in [format::what, v3::what] {
+                let _ = add(&payload, &mut trace, what);
+            }
             for kind in [format::HEADER, format::END] {
-                let _ = add(&[&[kind][..], &bytes].concat(), &mut trace);
+                let _ = add(&[&[kind][..], &bytes].concat(), &mut trace, format::what);
             }
         }
     }

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use anstyle::{AnsiColor, Style};
 use serde_json::{Value, json};
-use torno_protocol::board::{Description, Stimulus, event_text};
+use torno_protocol::board::{Description, MotorStimulus, Stimulus, event_text};
 use torno_protocol::line::Level;
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::Character;
@@ -320,17 +320,15 @@ fn csv_field(text: &str) -> String {
 
 fn stimulus_text(description: &Description, stimulus: &Stimulus) -> String {
     match stimulus {
-        Stimulus::Of(motor, what) => {
-            let motor = description.motors.get(usize::from(*motor)).map_or("?", |motor| &motor.name);
-            format!("{motor}: {}", stimulus_text(description, &Stimulus::from(*what)))
-        }
+        Stimulus::Motor { motor, what } => match description.motor_name(*motor) {
+            Some(name) => format!("{name}: {}", motor_stimulus_text(*what)),
+            None => motor_stimulus_text(*what),
+        },
         Stimulus::Stop(true) => "is stopped".to_owned(),
         Stimulus::Stop(false) => "goes on".to_owned(),
         Stimulus::Hang(true) => "hangs".to_owned(),
         Stimulus::Hang(false) => "runs on".to_owned(),
         Stimulus::Reset => "is reset".to_owned(),
-        Stimulus::Stall(true) => "shaft blocked".to_owned(),
-        Stimulus::Stall(false) => "shaft free".to_owned(),
         Stimulus::Write(bytes) if bytes.len() > SHOWN => {
             format!("writes {} ... ({} bytes)", hex(&bytes[..SHOWN]), bytes.len())
         }
@@ -344,14 +342,21 @@ fn stimulus_text(description: &Description, stimulus: &Stimulus) -> String {
         Stimulus::Slow(Span::ZERO) => "is slow no more".to_owned(),
         Stimulus::Slow(by) => format!("takes {by} longer over everything"),
         Stimulus::Clock(clock) => format!("oscillator off by {} ppb", clock.error_ppb()),
-        Stimulus::Counts(counts) => format!("encoder jumps by {counts:+} counts"),
-        Stimulus::Load(load) => format!("load on the motor {load} per mille"),
-        Stimulus::Supply(supply) => format!("motor's supply {supply} per mille"),
-        Stimulus::Backlash(counts) => format!("backlash {counts} counts"),
-        Stimulus::EndStop(0) => "way free".to_owned(),
-        Stimulus::EndStop(counts) => format!("end stop at {counts:+} counts"),
-        Stimulus::Drive(0) => "service mode ends".to_owned(),
-        Stimulus::Drive(drive) => format!("service mode: drive {drive} per mille"),
+    }
+}
+
+fn motor_stimulus_text(what: MotorStimulus) -> String {
+    match what {
+        MotorStimulus::Stall(true) => "shaft blocked".to_owned(),
+        MotorStimulus::Stall(false) => "shaft free".to_owned(),
+        MotorStimulus::Counts(counts) => format!("encoder jumps by {counts:+} counts"),
+        MotorStimulus::Load(load) => format!("load on the motor {load} per mille"),
+        MotorStimulus::Supply(supply) => format!("motor's supply {supply} per mille"),
+        MotorStimulus::Backlash(counts) => format!("backlash {counts} counts"),
+        MotorStimulus::EndStop(0) => "way free".to_owned(),
+        MotorStimulus::EndStop(counts) => format!("end stop at {counts:+} counts"),
+        MotorStimulus::Drive(0) => "service mode ends".to_owned(),
+        MotorStimulus::Drive(drive) => format!("service mode: drive {drive} per mille"),
     }
 }
 

@@ -1,9 +1,12 @@
-//! Version 3 of the format: its header says less of the lines and nothing of the clocks.
+//! Version 3 of the format: its header says less of the lines and nothing of the clocks; its descriptions say less of
+//! quantities and motors; its stimuli of a motor are of two forms.
 
 use serde::Deserialize;
-use torno_protocol::board::Description;
+use torno_engine::{Disturbance, What};
+use torno_protocol::board::{self, Capability, MotorStimulus, Role, Wait};
 use torno_protocol::clock::Clock;
 use torno_protocol::layout::{BoardLayout, Layout, LineLayout};
+use torno_protocol::time::{Instant, Span};
 
 use crate::Header;
 
@@ -12,6 +15,9 @@ pub(crate) const VERSION: u16 = 3;
 
 /// The speed of the lines of a rig that cannot be built.
 const UNKNOWN_BAUD: u32 = 9600;
+
+/// The name of a board's only motor, which had none.
+const ONLY_MOTOR: &str = "motor";
 
 #[derive(Deserialize)]
 struct HeaderV3 {
@@ -38,27 +44,94 @@ struct Line {
     to: usize,
 }
 
+#[derive(Deserialize)]
+struct Description {
+    ports: Vec<String>,
+    signals: Vec<Signal>,
+    events: Vec<String>,
+    waits: Vec<Wait>,
+    heeds: Vec<Heeds>,
+    motors: Vec<Motor>,
+}
+
+#[derive(Deserialize)]
+struct Signal {
+    name: String,
+    initial: i64,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, Deserialize)]
+enum Heeds {
+    Reset,
+    Motor,
+    Axis,
+}
+
+#[derive(Deserialize)]
+struct Motor {
+    name: String,
+    heeds: Vec<Heeds>,
+}
+
+#[derive(Deserialize)]
+enum WhatV3 {
+    Stimulus { board: usize, stimulus: Stimulus },
+    Disturbed { line: usize, fault: u32, disturbance: Disturbance },
+    Healed { line: usize, fault: u32 },
+    Stopped { board: usize, told: Instant },
+    Continued { board: usize },
+    Died { board: usize, told: Instant },
+}
+
+#[derive(Deserialize)]
+enum Stimulus {
+    Hang(bool),
+    Reset,
+    Stall(bool),
+    Write(Vec<u8>),
+    Discard,
+    Configure { baud: u32, ixon: bool },
+    Power(bool),
+    Slow(Span),
+    Clock(Clock),
+    Counts(i32),
+    Load(i32),
+    Supply(u16),
+    Backlash(u16),
+    EndStop(i32),
+    Stop(bool),
+    Drive(i32),
+    Of(u8, MotorStimulus),
+}
+
 /// Reads a header. What it does not say is what the rig that its text describes has today, as far as it can be built
-/// and has the same boards and lines.
+/// and has the same boards and lines; and of a quantity, what a board of the same kind says of one of that name.
 pub(crate) fn header(bytes: &[u8], layout: impl Fn(&str, &str) -> Option<Layout>) -> Option<Header> {
     let HeaderV3 { torno, rig, text, seed, program, boards, lines } = postcard::from_bytes(bytes).ok()?;
     if lines.iter().any(|line| line.from >= boards.len() || line.to >= boards.len()) {
         return None;
     }
-    let today = layout(&rig, &text).filter(|layout| is_same(layout, &boards, &lines));
-    let layout = today.unwrap_or_else(|| Layout {
-        boards: boards
-            .into_iter()
-            .map(|Board { name, kind, description }| BoardLayout { name, kind, clock: Clock::TRUE, description })
-            .collect(),
-        lines: lines.into_iter().map(Line::alone).collect(),
-    });
+    let today = layout(&rig, &text);
+    let alone = |Board { name, kind, description }| {
+        let known = today.iter().flat_map(|layout| &layout.boards).find(|board| board.kind == kind);
+        let description = description.with(known.map(|board| &board.description));
+        BoardLayout { name, kind, clock: Clock::TRUE, description }
+    };
+    let boards: Vec<BoardLayout> = boards.into_iter().map(alone).collect();
+    let same = today.filter(|layout| is_same(layout, &boards, &lines));
+    let layout = same.unwrap_or_else(|| Layout { boards, lines: lines.into_iter().map(Line::alone).collect() });
     Some(Header { torno, rig, text, seed, program, layout })
 }
 
-fn is_same(layout: &Layout, boards: &[Board], lines: &[Line]) -> bool {
+/// Reads what came from outside; gives the bytes that follow it.
+pub(crate) fn what(bytes: &[u8]) -> Option<(What, &[u8])> {
+    let (what, rest) = postcard::take_from_bytes::<WhatV3>(bytes).ok()?;
+    Some((what.into(), rest))
+}
+
+fn is_same(layout: &Layout, boards: &[BoardLayout], lines: &[Line]) -> bool {
     let same_board =
-        |(a, b): (&BoardLayout, &Board)| (&a.name, &a.kind, &a.description) == (&b.name, &b.kind, &b.description);
+        |(a, b): (&BoardLayout, &BoardLayout)| (&a.name, &a.kind, &a.description) == (&b.name, &b.kind, &b.description);
     let same_line = |(a, b): (&LineLayout, &Line)| (&a.name, a.from.0, a.to.0) == (&b.name, b.from, b.to);
     layout.boards.len() == boards.len()
         && layout.lines.len() == lines.len()
@@ -71,5 +144,147 @@ impl Line {
     fn alone(self) -> LineLayout {
         let Self { name, from, to } = self;
         LineLayout { name, from: (from, 0), to: (to, 0), baud: UNKNOWN_BAUD, dialect: String::new() }
+    }
+}
+
+impl Description {
+    /// With what a board of the same kind says of its quantities today.
+    fn with(self, known: Option<&board::Description>) -> board::Description {
+        let Self { ports, signals, events, waits, heeds, motors } = self;
+        let signal = |Signal { name, initial }| {
+            let known = known.iter().flat_map(|known| &known.signals).find(|signal| signal.name == name);
+            let (unit, role, motor) =
+                known.map_or((String::new(), Role::Other, None), |known| (known.unit.clone(), known.role, known.motor));
+            board::Signal { name, initial, unit, role, motor }
+        };
+        let of_the_board = |heeds: &Heeds| *heeds == Heeds::Reset;
+        let (own, of_motor): (Vec<Heeds>, Vec<Heeds>) = heeds.into_iter().partition(of_the_board);
+        let only = (!of_motor.is_empty()).then(|| Motor { name: ONLY_MOTOR.to_owned(), heeds: of_motor });
+        let motor = |Motor { name, heeds }| board::Motor { name, capabilities: capabilities(&heeds) };
+        board::Description {
+            ports,
+            signals: signals.into_iter().map(signal).collect(),
+            events,
+            waits,
+            capabilities: capabilities(&own),
+            motors: only.into_iter().chain(motors).map(motor).collect(),
+        }
+    }
+}
+
+fn capabilities(heeds: &[Heeds]) -> Vec<Capability> {
+    let capability = |heeds: &Heeds| match heeds {
+        Heeds::Reset => Capability::Reset,
+        Heeds::Motor => Capability::Motor,
+        Heeds::Axis => Capability::Axis,
+    };
+    heeds.iter().map(capability).collect()
+}
+
+impl From<WhatV3> for What {
+    fn from(what: WhatV3) -> Self {
+        match what {
+            WhatV3::Stimulus { board, stimulus } => Self::Stimulus { board, stimulus: stimulus.into() },
+            WhatV3::Disturbed { line, fault, disturbance } => Self::Disturbed { line, fault, disturbance },
+            WhatV3::Healed { line, fault } => Self::Healed { line, fault },
+            WhatV3::Stopped { board, told } => Self::Stopped { board, told },
+            WhatV3::Continued { board } => Self::Continued { board },
+            WhatV3::Died { board, told } => Self::Died { board, told },
+        }
+    }
+}
+
+impl From<Stimulus> for board::Stimulus {
+    fn from(stimulus: Stimulus) -> Self {
+        match stimulus {
+            Stimulus::Hang(hung) => Self::Hang(hung),
+            Stimulus::Reset => Self::Reset,
+            Stimulus::Write(bytes) => Self::Write(bytes),
+            Stimulus::Discard => Self::Discard,
+            Stimulus::Configure { baud, ixon } => Self::Configure { baud, ixon },
+            Stimulus::Power(on) => Self::Power(on),
+            Stimulus::Slow(by) => Self::Slow(by),
+            Stimulus::Clock(clock) => Self::Clock(clock),
+            Stimulus::Stop(stopped) => Self::Stop(stopped),
+            Stimulus::Stall(blocked) => MotorStimulus::Stall(blocked).of(0),
+            Stimulus::Counts(counts) => MotorStimulus::Counts(counts).of(0),
+            Stimulus::Load(load) => MotorStimulus::Load(load).of(0),
+            Stimulus::Supply(supply) => MotorStimulus::Supply(supply).of(0),
+            Stimulus::Backlash(counts) => MotorStimulus::Backlash(counts).of(0),
+            Stimulus::EndStop(counts) => MotorStimulus::EndStop(counts).of(0),
+            Stimulus::Drive(drive) => MotorStimulus::Drive(drive).of(0),
+            Stimulus::Of(motor, what) => what.of(motor),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use torno_protocol::board::Stimulus;
+
+    use super::*;
+
+    /// Byte for byte, as version 3 was written.
+    #[test]
+    fn what_comes_from_outside_is_read_as_it_was_written() {
+        let of_board_2 =
+            |bytes: &[u8]| what(&[&[0, 2], bytes, &[7]].concat()).map(|(what, rest)| (what, rest.to_vec()));
+        for (bytes, stimulus) in [
+            (&[0, 1][..], Stimulus::Hang(true)),
+            (&[1], Stimulus::Reset),
+            (&[2, 1], MotorStimulus::Stall(true).of(0)),
+            (&[3, 2, 8, 9], Stimulus::Write(vec![8, 9])),
+            (&[4], Stimulus::Discard),
+            (&[5, 0x80, 0x4b, 1], Stimulus::Configure { baud: 9600, ixon: true }),
+            (&[6, 0], Stimulus::Power(false)),
+            (&[7, 5], Stimulus::Slow(Span::from_nanos(5))),
+            (&[8, 1], Stimulus::Clock(Clock::from_ppb(-1).unwrap())),
+            (&[9, 5], MotorStimulus::Counts(-3).of(0)),
+            (&[10, 4], MotorStimulus::Load(2).of(0)),
+            (&[11, 3], MotorStimulus::Supply(3).of(0)),
+            (&[12, 4], MotorStimulus::Backlash(4).of(0)),
+            (&[13, 2], MotorStimulus::EndStop(1).of(0)),
+            (&[14, 1], Stimulus::Stop(true)),
+            (&[15, 2], MotorStimulus::Drive(1).of(0)),
+            (&[16, 1, 0, 1], MotorStimulus::Stall(true).of(1)),
+            (&[16, 1, 1, 5], MotorStimulus::Counts(-3).of(1)),
+            (&[16, 1, 2, 4], MotorStimulus::Load(2).of(1)),
+            (&[16, 1, 3, 3], MotorStimulus::Supply(3).of(1)),
+            (&[16, 1, 4, 4], MotorStimulus::Backlash(4).of(1)),
+            (&[16, 1, 5, 2], MotorStimulus::EndStop(1).of(1)),
+            (&[16, 2, 6, 1], MotorStimulus::Drive(-1).of(2)),
+        ] {
+            assert_eq!(of_board_2(bytes), Some((What::Stimulus { board: 2, stimulus }, vec![7])), "{bytes:?}");
+        }
+        assert_eq!(of_board_2(&[17]), None);
+        let told = Instant::from_nanos(3);
+        for (bytes, expected) in [
+            (&[1, 4, 9, 0][..], What::Disturbed { line: 4, fault: 9, disturbance: Disturbance::Cut }),
+            (&[2, 4, 9], What::Healed { line: 4, fault: 9 }),
+            (&[3, 1, 3], What::Stopped { board: 1, told }),
+            (&[4, 1], What::Continued { board: 1 }),
+            (&[5, 1, 3], What::Died { board: 1, told }),
+        ] {
+            assert_eq!(what(bytes), Some((expected, &[][..])));
+        }
+    }
+
+    #[test]
+    fn a_description_gets_what_a_board_of_its_kind_says_today() {
+        let old = || Description {
+            ports: vec!["p".to_owned()],
+            signals: ["x", "old"].map(|name| Signal { name: name.to_owned(), initial: 4 }).into(),
+            events: Vec::new(),
+            waits: Vec::new(),
+            heeds: vec![Heeds::Reset, Heeds::Motor, Heeds::Axis],
+            motors: Vec::new(),
+        };
+        let today = board::Signal::new("x", 0).with_unit("mm").with_role(Role::Position).of_motor(0);
+        let known = board::Description { signals: vec![today.clone()], ..board::Description::default() };
+        let read = old().with(Some(&known));
+        assert_eq!(read.signals, [board::Signal { initial: 4, ..today }, board::Signal::new("old", 4)]);
+        assert_eq!(read.capabilities, [Capability::Reset]);
+        assert_eq!(read.motors[0].capabilities, [Capability::Motor, Capability::Axis]);
+        assert_eq!(old().with(None).signals[0], board::Signal::new("x", 4));
     }
 }

@@ -1,7 +1,7 @@
 //! The board: the conversation with the PC on one side, the motors on the other.
 
 use torno_master::{Beginning, Order, PC, Reception, START_UP, Slaves};
-use torno_protocol::board::{Board, Deadline, Description, Heeds, Input, Motor, Output, Signal, Stimulus};
+use torno_protocol::board::{Board, Capability, Deadline, Description, Input, Output, Signal, Stimulus};
 use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{Fault, Frame, RATE, Slave};
 use torno_protocol::time::Instant;
@@ -46,10 +46,6 @@ impl Tasks {
         self.depth.start(now, frame.depth);
         self.busy = [true; 3];
     }
-
-    fn stimulus(&mut self, now: Instant, stimulus: &Stimulus) {
-        self.all_mut().into_iter().for_each(|task| task.stimulus(now, stimulus));
-    }
 }
 
 impl Slaves for Tasks {
@@ -89,25 +85,24 @@ impl Dspic {
 
     fn stimulus(&mut self, now: Instant, stimulus: &Stimulus) {
         match stimulus {
-            Stimulus::Of(motor, what) => {
+            Stimulus::Motor { motor, what } => {
                 if let Some(task) = self.tasks.all_mut().get_mut(usize::from(*motor)) {
-                    task.stimulus(now, &Stimulus::from(*what));
+                    task.disturb(now, what);
                 }
             }
             Stimulus::Reset => {
-                self.tasks.stimulus(now, stimulus);
+                self.tasks.all_mut().into_iter().for_each(|task| task.reset(now));
                 self.restart(Beginning::Alone(now + self.clock.span(START_UP)));
             }
             Stimulus::Power(_) => {
-                self.tasks.stimulus(now, stimulus);
+                self.tasks.all_mut().into_iter().for_each(|task| task.power(now));
                 self.restart(Beginning::Over);
             }
             Stimulus::Clock(clock) => {
                 self.clock = *clock;
-                self.tasks.stimulus(now, stimulus);
+                self.tasks.all_mut().into_iter().for_each(|task| task.retune(now, *clock));
                 self.reception.retune(*clock);
             }
-            // Which of the motors, it does not say.
             _ => {}
         }
     }
@@ -162,15 +157,17 @@ impl Dspic {
 impl Board for Dspic {
     fn description(&self) -> Description {
         let named = || Slave::ALL.into_iter().map(Slave::name).zip(self.tasks.all());
-        let signal = |motor: &str, signal: Signal| Signal { name: format!("{motor}_{}", signal.name), ..signal };
-        let signals = named().flat_map(|(name, task)| task.signals().into_iter().map(move |of| signal(name, of)));
+        let signals = named().zip(0..).flat_map(|((name, task), motor)| {
+            let named = move |signal: Signal| Signal { name: format!("{name}_{}", signal.name), ..signal };
+            task.signals().into_iter().map(move |signal| named(signal).of_motor(motor))
+        });
         Description {
             ports: vec!["pc".to_owned()],
             signals: Reception::signals().into_iter().chain(signals).collect(),
             events: Reception::events(),
             waits: Vec::new(),
-            heeds: vec![Heeds::Reset],
-            motors: named().map(|(name, task)| Motor { name: name.to_owned(), heeds: task.heeds().to_vec() }).collect(),
+            capabilities: vec![Capability::Reset],
+            motors: named().map(|(name, task)| task.motor(name)).collect(),
         }
     }
 

@@ -7,7 +7,7 @@ mod common;
 use common::{Bench, FRAME};
 use proptest::prelude::*;
 use torno_dspic::{Dspic, DspicSettings};
-use torno_protocol::board::{Board, Output, Stimulus};
+use torno_protocol::board::{Board, MotorStimulus, Output, Stimulus};
 use torno_protocol::clock::Clock;
 use torno_protocol::record::{Heard, Timed, Turn};
 use torno_protocol::stepping::Stepper;
@@ -41,12 +41,12 @@ fn acts() -> impl Strategy<Value = Vec<Act>> {
 
 fn happenings() -> impl Strategy<Value = Stimulus> {
     let of_a_motor = prop_oneof![
-        any::<bool>().prop_map(Stimulus::Stall),
-        any::<i32>().prop_map(Stimulus::Load),
-        (0..2_000u16).prop_map(Stimulus::Supply),
-        (0..300u16).prop_map(Stimulus::Backlash),
-        (-40_000..40_000i32).prop_map(Stimulus::EndStop),
-        (-1_200..1_200i32).prop_map(Stimulus::Drive),
+        any::<bool>().prop_map(MotorStimulus::Stall),
+        any::<i32>().prop_map(MotorStimulus::Load),
+        (0..2_000u16).prop_map(MotorStimulus::Supply),
+        (0..300u16).prop_map(MotorStimulus::Backlash),
+        (-40_000..40_000i32).prop_map(MotorStimulus::EndStop),
+        (-1_200..1_200i32).prop_map(MotorStimulus::Drive),
     ];
     prop_oneof![
         4 => (of_a_motor, 0..4u8).prop_map(|(stimulus, motor)| stimulus.of(motor)),
@@ -74,14 +74,14 @@ fn heal(bench: &mut Bench) {
     bench.stimulus(Stimulus::Power(false));
     bench.stimulus(Stimulus::Power(true));
     let healed = [
-        Stimulus::Stall(false),
-        Stimulus::Load(0),
-        Stimulus::Supply(1_000),
-        Stimulus::Backlash(0),
-        Stimulus::EndStop(0),
+        MotorStimulus::Stall(false),
+        MotorStimulus::Load(0),
+        MotorStimulus::Supply(1_000),
+        MotorStimulus::Backlash(0),
+        MotorStimulus::EndStop(0),
     ];
     for motor in 0..3 {
-        healed.iter().for_each(|stimulus| bench.stimulus(stimulus.clone().of(motor)));
+        healed.iter().for_each(|stimulus| bench.stimulus(stimulus.of(motor)));
     }
     bench.stimulus(Stimulus::Clock(Clock::TRUE));
 }

@@ -6,7 +6,7 @@ mod common;
 
 use common::{Bench, DEPTH, FRAME, SPINDLE, TRANSVERSE};
 use torno_dspic::DspicSettings;
-use torno_protocol::board::{Board, Heeds, Output, Stimulus, event_text};
+use torno_protocol::board::{Board, Capability, MotorStimulus, Output, Stimulus, event_text};
 use torno_protocol::clock::Clock;
 use torno_protocol::lathe::CHARACTER;
 
@@ -57,7 +57,7 @@ fn what_no_frame_is_is_refused_with_the_reason() {
 fn the_motor_that_is_blocked_is_the_one_that_fails() {
     for (motor, letter) in [(SPINDLE, 's'), (TRANSVERSE, 't'), (DEPTH, 'd')] {
         let mut bench = Bench::new();
-        bench.stimulus(Stimulus::Stall(true).of(motor));
+        bench.stimulus(MotorStimulus::Stall(true).of(motor));
         bench.send(&[DEEP, FRAME].concat());
         bench.run_until_mute(60);
         bench.run_ms(2);
@@ -76,7 +76,7 @@ fn a_shaft_that_is_blocked_while_it_is_regulated_is_told_of_unasked() {
     assert!(bench.run_until_mute(30), "it regulates, and has nothing to say");
     bench.run_ms(2);
     assert_eq!(bench.replies(), "ACK XON");
-    bench.stimulus(Stimulus::Stall(true).of(SPINDLE));
+    bench.stimulus(MotorStimulus::Stall(true).of(SPINDLE));
     assert!(!bench.cell.board().mute());
     bench.run_ms(10_000);
     assert_eq!(bench.replies(), "CAN s s XON");
@@ -84,11 +84,10 @@ fn a_shaft_that_is_blocked_while_it_is_regulated_is_told_of_unasked() {
 }
 
 #[test]
-fn a_stimulus_that_says_no_motor_or_one_that_there_is_not_means_nothing() {
+fn a_stimulus_of_a_motor_that_there_is_not_means_nothing() {
     let mut bench = Bench::new();
-    bench.stimulus(Stimulus::Stall(true));
-    bench.stimulus(Stimulus::Drive(1_000));
-    bench.stimulus(Stimulus::Drive(1_000).of(3));
+    bench.stimulus(MotorStimulus::Stall(true).of(3));
+    bench.stimulus(MotorStimulus::Drive(1_000).of(255));
     bench.send(&FRAME);
     bench.run_until_mute(30);
     bench.run_ms(2);
@@ -98,7 +97,7 @@ fn a_stimulus_that_says_no_motor_or_one_that_there_is_not_means_nothing() {
 #[test]
 fn each_motor_has_a_service_mode_of_its_own() {
     let mut bench = Bench::new();
-    bench.stimulus(Stimulus::Drive(500).of(TRANSVERSE));
+    bench.stimulus(MotorStimulus::Drive(500).of(TRANSVERSE));
     bench.run_ms(1_000);
     assert_eq!(bench.value("transverse_drive"), 128);
     assert!(bench.value("transverse_position_counts") > 1_000);
@@ -168,10 +167,11 @@ fn it_says_what_it_is() {
         ["frames_distributed", "frame_held", "slaves_busy", "spindle_speed_counts", "spindle_speed_rpm"]
     );
     assert_eq!((names.len(), names[14]), (15, "depth_carriage_offset_counts"));
-    assert_eq!(description.heeds, [Heeds::Reset]);
-    let motors: Vec<_> = description.motors.iter().map(|motor| (motor.name.as_str(), &motor.heeds[..])).collect();
-    let axis = &[Heeds::Motor, Heeds::Axis][..];
-    assert_eq!(motors, [("spindle", &[Heeds::Motor][..]), ("transverse", axis), ("depth", axis)]);
+    assert_eq!(description.capabilities, [Capability::Reset]);
+    let motors: Vec<_> =
+        description.motors.iter().map(|motor| (motor.name.as_str(), &motor.capabilities[..])).collect();
+    let axis = &[Capability::Motor, Capability::Axis][..];
+    assert_eq!(motors, [("spindle", &[Capability::Motor][..]), ("transverse", axis), ("depth", axis)]);
 }
 
 #[test]
@@ -188,7 +188,7 @@ fn it_tells_who_is_busy_bit_by_bit() {
 fn events_tell_of_a_frame_from_its_coming_to_its_end() {
     let mut bench = Bench::new();
     let texts = bench.cell.board().description().events;
-    bench.stimulus(Stimulus::Stall(true).of(DEPTH));
+    bench.stimulus(MotorStimulus::Stall(true).of(DEPTH));
     bench.send(&[DEEP, FRAME].concat());
     bench.run_until_mute(60);
     let event = |(_, output): &(_, Output)| match output {

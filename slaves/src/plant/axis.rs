@@ -1,6 +1,6 @@
 //! An axis as its firmware sees it: a motor that moves a carriage, and an encoder that counts one of the two.
 
-use torno_protocol::board::{Heeds, Stimulus};
+use torno_protocol::board::{Capability, MotorStimulus};
 use torno_protocol::time::Instant;
 
 use crate::drive::{self, Bridge};
@@ -22,8 +22,7 @@ pub(crate) struct Axis {
 }
 
 impl Axis {
-    /// What an axis heeds of the stimuli that mean nothing to some boards.
-    pub(crate) const HEEDS: &[Heeds] = &[Heeds::Motor, Heeds::Axis];
+    pub(crate) const CAPABILITIES: &[Capability] = &[Capability::Motor, Capability::Axis];
 
     /// An axis whose encoder is on the motor's shaft, so that it does not see backlash. `full` is the fullest drive,
     /// in LSB; `full_speed` is the speed that the motor tends to with it.
@@ -100,11 +99,11 @@ impl Plant for Axis {
         self.counter.count(self.seen())
     }
 
-    fn disturb(&mut self, now: Instant, stimulus: &Stimulus) {
+    fn disturb(&mut self, now: Instant, what: &MotorStimulus) {
         self.motor.advance(now);
-        match stimulus {
-            Stimulus::Counts(counts) => self.counter.invent(self.seen(), *counts),
-            _ => self.motor.disturb(stimulus, |counts| self.encoder.way(counts)),
+        match what {
+            MotorStimulus::Counts(counts) => self.counter.invent(self.seen(), *counts),
+            _ => self.motor.disturb(what, |counts| self.encoder.way(counts)),
         }
     }
 

@@ -8,7 +8,7 @@ mod sampled;
 mod shaft;
 mod speed;
 
-use torno_protocol::board::Stimulus;
+use torno_protocol::board::MotorStimulus;
 use torno_protocol::time::Instant;
 
 pub(crate) use axis::Axis;
@@ -23,7 +23,7 @@ pub trait Plant {
     fn advance(&mut self, now: Instant) -> i64;
 
     /// Something happens to the encoder, the motor or the axis.
-    fn disturb(&mut self, now: Instant, stimulus: &Stimulus);
+    fn disturb(&mut self, now: Instant, what: &MotorStimulus);
 
     /// The firmware counts from 0 again.
     fn restart(&mut self, now: Instant);

@@ -1,6 +1,6 @@
 //! An axis: a first-order lag from drive to speed, then an integrator, and a carriage between two end stops.
 
-use torno_protocol::board::Stimulus;
+use torno_protocol::board::MotorStimulus;
 use torno_protocol::time::Instant;
 
 use crate::plant::shaft::Shaft;
@@ -86,13 +86,13 @@ impl PositionMotor {
     }
 
     /// Something happens to motor or axis; `way` is what so many counts are in units of position.
-    pub(crate) fn disturb(&mut self, stimulus: &Stimulus, way: impl Fn(i32) -> f64) {
-        match stimulus {
-            Stimulus::Stall(blocked) => self.block(*blocked),
-            Stimulus::Load(per_mille) => self.shaft.set_load(*per_mille),
-            Stimulus::Supply(per_mille) => self.shaft.set_supply(*per_mille),
-            Stimulus::Backlash(counts) => self.set_backlash(way(i32::from(*counts))),
-            Stimulus::EndStop(counts) => self.set_stop(way(*counts)),
+    pub(crate) fn disturb(&mut self, what: &MotorStimulus, way: impl Fn(i32) -> f64) {
+        match what {
+            MotorStimulus::Stall(blocked) => self.block(*blocked),
+            MotorStimulus::Load(per_mille) => self.shaft.set_load(*per_mille),
+            MotorStimulus::Supply(per_mille) => self.shaft.set_supply(*per_mille),
+            MotorStimulus::Backlash(counts) => self.set_backlash(way(i32::from(*counts))),
+            MotorStimulus::EndStop(counts) => self.set_stop(way(*counts)),
             _ => {}
         }
     }

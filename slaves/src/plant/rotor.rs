@@ -1,6 +1,6 @@
 //! A motor that turns for ever, as its firmware sees it: with an encoder on its shaft.
 
-use torno_protocol::board::{Heeds, Stimulus};
+use torno_protocol::board::{Capability, MotorStimulus};
 use torno_protocol::time::Instant;
 
 use crate::encoder::{Counter, Encoder};
@@ -16,8 +16,7 @@ pub(crate) struct Rotor {
 }
 
 impl Rotor {
-    /// What it heeds of the stimuli that mean nothing to some boards.
-    pub(crate) const HEEDS: &[Heeds] = &[Heeds::Motor];
+    pub(crate) const CAPABILITIES: &[Capability] = &[Capability::Motor];
 
     pub(crate) const fn new(motor: SpeedMotor, encoder: Encoder, supply_v: f64) -> Self {
         Self { motor, counter: Counter::new(encoder), supply_v }
@@ -53,13 +52,13 @@ impl Plant for Rotor {
         self.counter.count(self.motor.angle_rev())
     }
 
-    fn disturb(&mut self, now: Instant, stimulus: &Stimulus) {
+    fn disturb(&mut self, now: Instant, what: &MotorStimulus) {
         self.motor.advance(now);
-        match stimulus {
-            Stimulus::Stall(blocked) => self.motor.block(*blocked),
-            Stimulus::Counts(counts) => self.counter.invent(self.motor.angle_rev(), *counts),
-            Stimulus::Load(per_mille) => self.motor.set_load(*per_mille),
-            Stimulus::Supply(per_mille) => self.motor.set_supply(*per_mille),
+        match what {
+            MotorStimulus::Stall(blocked) => self.motor.block(*blocked),
+            MotorStimulus::Counts(counts) => self.counter.invent(self.motor.angle_rev(), *counts),
+            MotorStimulus::Load(per_mille) => self.motor.set_load(*per_mille),
+            MotorStimulus::Supply(per_mille) => self.motor.set_supply(*per_mille),
             _ => {}
         }
     }

@@ -2,6 +2,7 @@
 
 use torno_dspic::{Dspic, DspicSettings};
 use torno_master::{Master, MasterSettings};
+use torno_protocol::lathe::Slave;
 use torno_slaves::{
     Depth, DepthSettings, LeadForm, PositionForm, Spindle, SpindleSettings, Transverse, TransverseSettings,
 };
@@ -22,56 +23,58 @@ pub(super) const KINDS: [Kind; 5] = [
         name: "spindle",
         settings: SpindleSettings::declared,
         build: |settings, clock| Ok(boxed(Spindle::new(&read(settings, SpindleSettings::check)?, clock))),
-        motor: |settings, _| read(settings, SpindleSettings::check).map(|settings| Some(spindle(&settings))),
+        motor: |settings, motor| {
+            read(settings, SpindleSettings::check).map(|settings| (motor == 0).then(|| spindle(&settings)))
+        },
         mm_per_count: |settings, _| read(settings, SpindleSettings::check).map(|_| None),
     },
     Kind {
         name: "transverse",
         settings: TransverseSettings::declared,
         build: |settings, clock| Ok(boxed(Transverse::new(&read(settings, TransverseSettings::check)?, clock))),
-        motor: |settings, _| read(settings, TransverseSettings::check).map(|settings| Some(transverse(&settings))),
-        mm_per_count: |settings, quantity| {
+        motor: |settings, motor| {
+            read(settings, TransverseSettings::check).map(|settings| (motor == 0).then(|| transverse(&settings)))
+        },
+        mm_per_count: |settings, motor| {
             let settings = read(settings, TransverseSettings::check)?;
-            Ok(counts_a_carriage(quantity).then(|| feed(&settings)))
+            Ok((motor == 0).then(|| feed(&settings)))
         },
     },
     Kind {
         name: "depth",
         settings: DepthSettings::declared,
         build: |settings, clock| Ok(boxed(Depth::new(&read(settings, DepthSettings::check)?, clock))),
-        motor: |settings, _| read(settings, DepthSettings::check).map(|settings| Some(depth(&settings))),
-        mm_per_count: |settings, quantity| {
+        motor: |settings, motor| {
+            read(settings, DepthSettings::check).map(|settings| (motor == 0).then(|| depth(&settings)))
+        },
+        mm_per_count: |settings, motor| {
             let settings = read(settings, DepthSettings::check)?;
-            Ok(counts_a_carriage(quantity).then(|| infeed(&settings)))
+            Ok((motor == 0).then(|| infeed(&settings)))
         },
     },
     Kind {
         name: "dspic",
         settings: DspicSettings::declared,
         build: |settings, clock| Ok(boxed(Dspic::new(&read(settings, DspicSettings::check)?, clock))),
-        motor: |settings, which| {
+        motor: |settings, motor| {
             let settings = read(settings, DspicSettings::check)?;
-            Ok(match which {
-                Some("spindle") => Some(spindle(&settings.spindle)),
-                Some("transverse") => Some(transverse(&settings.transverse)),
-                Some("depth") => Some(depth(&settings.depth)),
-                _ => None,
+            Ok(match Slave::ALL.get(usize::from(motor)) {
+                Some(Slave::Spindle) => Some(spindle(&settings.spindle)),
+                Some(Slave::Transverse) => Some(transverse(&settings.transverse)),
+                Some(Slave::Depth) => Some(depth(&settings.depth)),
+                None => None,
             })
         },
-        mm_per_count: |settings, quantity| {
+        mm_per_count: |settings, motor| {
             let settings = read(settings, DspicSettings::check)?;
-            Ok(match quantity.split_once('_') {
-                Some(("transverse", quantity)) if counts_a_carriage(quantity) => Some(feed(&settings.transverse)),
-                Some(("depth", quantity)) if counts_a_carriage(quantity) => Some(infeed(&settings.depth)),
-                _ => None,
+            Ok(match Slave::ALL.get(usize::from(motor)) {
+                Some(Slave::Transverse) => Some(feed(&settings.transverse)),
+                Some(Slave::Depth) => Some(infeed(&settings.depth)),
+                Some(Slave::Spindle) | None => None,
             })
         },
     },
 ];
-
-fn counts_a_carriage(quantity: &str) -> bool {
-    ["position_counts", "carriage_offset_counts"].contains(&quantity)
-}
 
 fn feed(settings: &TransverseSettings) -> f64 {
     1.0 / settings.counts(1.0)
@@ -83,7 +86,7 @@ fn infeed(settings: &DepthSettings) -> f64 {
 
 fn spindle(SpindleSettings { drive, encoder, controller, .. }: &SpindleSettings) -> Motor {
     Motor {
-        encoder: Encoder::Window("speed_counts"),
+        encoder: Encoder::Window,
         period_ms: controller.window_ms,
         count: core::f64::consts::TAU / f64::from(encoder.pulses_per_rev),
         unit: "rad",
@@ -103,7 +106,7 @@ fn transverse(settings: &TransverseSettings) -> Motor {
     let controller = &settings.controller;
     let full = greatest(settings.drive.bits);
     Motor {
-        encoder: Encoder::Position("position_counts"),
+        encoder: Encoder::Position,
         period_ms: controller.sample_ms,
         count: 1.0,
         unit: "counts",
@@ -126,7 +129,7 @@ fn transverse(settings: &TransverseSettings) -> Motor {
 
 fn depth(settings: &DepthSettings) -> Motor {
     Motor {
-        encoder: Encoder::Position("position_counts"),
+        encoder: Encoder::Position,
         period_ms: settings.controller.poll_ms,
         count: 1.0 / settings.slots_per_mm(),
         unit: "mm",

@@ -11,9 +11,8 @@ pub(super) const SERVO: Kind = Kind {
     settings: ServoSettings::declared,
     build: |settings, clock| Ok(boxed(Servo::new(&read(settings, ServoSettings::check)?, clock))),
     motor: |settings, _| read(settings, ServoSettings::check).map(|_| None),
-    mm_per_count: |settings, quantity| {
+    mm_per_count: |settings, motor| {
         let settings = read(settings, ServoSettings::check)?;
-        let counts = ["position_counts", "carriage_offset_counts"].contains(&quantity);
-        Ok(counts.then(|| 1.0 / settings.counts(1.0)))
+        Ok((motor == 0).then(|| 1.0 / settings.counts(1.0)))
     },
 };

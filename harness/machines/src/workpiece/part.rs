@@ -92,12 +92,12 @@ struct RawSpindle {
 }
 
 /// What one count of a board's quantity is worth, in mm, by the board's own screw and encoder.
-pub type Worth<'a> = &'a dyn Fn(NodeId, &str) -> Option<f64>;
+pub type Worth<'a> = &'a dyn Fn(NodeId, u8) -> Option<f64>;
 
 /// What a count of these quantities is worth, if they all count the board's carriage.
-fn by_the_board(node: NodeId, quantities: &[Spanned<String>], worth: Worth<'_>) -> Option<f64> {
-    let first = worth(node, quantities.first()?.get_ref())?;
-    quantities.iter().all(|name| worth(node, name.get_ref()) == Some(first)).then_some(first)
+fn by_the_board(node: NodeId, signals: &[u8], worth: Worth<'_>) -> Option<f64> {
+    let first = worth(node, *signals.first()?)?;
+    signals.iter().all(|signal| worth(node, *signal) == Some(first)).then_some(first)
 }
 
 impl RawPart {
@@ -129,7 +129,7 @@ impl RawPart {
                     }
                     per_count
                 }
-                (name, None) => by_the_board(node, quantities.get_ref(), worth)
+                (name, None) => by_the_board(node, &signals, worth)
                     .ok_or_else(|| (quantities.span(), format!("no board counts a carriage so: expected {name}")))?,
             };
             Ok(Source { node, signals, per_count })
