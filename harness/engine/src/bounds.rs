@@ -1,4 +1,4 @@
-//! How far each board may go: its `EIT`, kept up to date at a cost that goes with what has changed.
+//! How far each board may go: its earliest input time (EIT), kept up to date at a cost that goes with what has changed.
 //!
 //! Each line's part in its receiver's `EIT` is kept, and each board knows which line it owes its own to. If that line's
 //! part comes later than before, the board starts anew from infinity, and so does whoever relied on it; from there all
@@ -7,29 +7,8 @@
 use torno_protocol::time::Instant;
 use torno_protocol::uart::Ear;
 
+use super::sending::Sending;
 use super::{Engine, Life, LineId, NodeId};
-
-/// What a board's state says of the next edge on one of its ports, but for what it may yet hear.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Sending {
-    /// What it has told, or has promised if it hears nothing more.
-    pub(super) told: Instant,
-    /// A new character waits for the end of the one on the line.
-    pub(super) free: Instant,
-    /// A cut does not.
-    pub(super) cut: Instant,
-}
-
-impl Sending {
-    /// Nothing comes, whatever the board hears.
-    pub(super) const NOTHING: Self = Self { told: Instant::NEVER, free: Instant::NEVER, cut: Instant::NEVER };
-
-    /// `E`: the earliest instant at which the port can change in a way that has not been settled, if nothing unheard
-    /// can matter to the board before `eit`.
-    pub(super) fn earliest_edge(&self, eit: Instant) -> Instant {
-        self.told.min(eit).max(self.free).min(self.cut)
-    }
-}
 
 /// A line's part in its receiver's `EIT`.
 #[derive(Clone, Copy, Debug)]

@@ -5,11 +5,11 @@
 //! (see [`torno_protocol::stepping`]); the engine makes a fact of what no unheard edge can change any more.
 //!
 //! For a board *a* and its port *p*:
-//! - `E(a, p)`, the earliest instant at which a new edge can appear on the port: the first one that the board has told,
+//! - `EOT(a, p)`, its earliest output time: the earliest instant at which a new edge can appear on the port: the first one that the board has told,
 //!   or the end of what it has told, or the first instant at which something unheard can matter to it, whichever is
 //!   least; but not before the end of the character that is on the line.
-//! - `EIT(b)`, the earliest instant at which something unheard can matter to board *b*: the least, over the lines that
-//!   end at it, of what its receiver makes of an edge at `E`
+//! - `EIT(b)`, the earliest input time of board *b*: the earliest instant at which something unheard can matter to it.
+//!   It is the least, over the lines that end at it, of what its receiver makes of an edge at `EOT`
 //!   ([`Ear::effect`](torno_protocol::uart::Ear::effect)): about 9.5 bit times later.
 //!
 //! The two are iterated from infinity; every line adds a lookahead above zero, so there is always progress. Bounds are
@@ -22,6 +22,7 @@ mod bounds;
 mod input;
 mod node;
 mod places;
+mod sending;
 mod wire;
 
 use std::collections::BTreeSet;

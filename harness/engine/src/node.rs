@@ -7,7 +7,7 @@ use torno_protocol::record::{Batch, Heard, Silence, Timed, Turn};
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::Ear;
 
-use super::bounds::Sending;
+use super::sending::Sending;
 use super::{LineId, Statistics, Watch};
 
 /// A mute board that is watched runs so far at a time.
