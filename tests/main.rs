@@ -8,12 +8,14 @@
 
 mod common;
 
+mod anything;
 mod cli;
 mod compare;
 mod ctl;
 mod errata;
 mod failures;
 mod faults;
+mod foreign;
 mod identify;
 mod imports;
 mod part;

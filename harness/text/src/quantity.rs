@@ -12,6 +12,9 @@ const RATIOS: [(&str, f64); 2] = [("%", 1e7), ("ppm", 1e3)];
 /// In mm.
 const LENGTHS: [(&str, f64); 3] = [("mm", 1.0), ("um", 1e-3), ("µm", 1e-3)];
 
+/// No end of a range is beyond this, so that the way between them is a number too.
+const BOUND_MAX: f64 = 1e18;
+
 /// Reads a time: a number and `s`, `ms`, `us` or `ns`.
 ///
 /// # Errors
@@ -69,6 +72,9 @@ impl Range {
             return Some(Err(format!("'{text}': FROM and TO have different units")));
         };
         let from = from * factor;
+        if from.abs().max(to.abs()) > BOUND_MAX {
+            return Some(Err(format!("'{text}': FROM and TO lie beyond {BOUND_MAX:e}")));
+        }
         if from > to {
             return Some(Err(format!("'{text}': FROM is above TO")));
         }
@@ -149,5 +155,15 @@ mod tests {
         for wrong in ["", "3", "3 ms", "inf %"] {
             assert!(parse_ratio(wrong).is_err(), "{wrong}");
         }
+    }
+
+    #[test]
+    fn a_range_has_ends_between_which_there_are_numbers() {
+        let wide = ["-{9}..{9}", "0..1000000000000000001{0}", "-{9} s..1 ns"];
+        for text in wide.map(|text| text.replace("{9}", &"9".repeat(305)).replace("{0}", "0000")) {
+            let complaint = Range::parse(&text).unwrap().unwrap_err();
+            assert!(complaint.ends_with("FROM and TO lie beyond 1e18"), "{complaint}");
+        }
+        assert_eq!(Range::parse("-1000000..1000000").unwrap().unwrap().extremes(), ["-1000000", "0", "1000000"]);
     }
 }
