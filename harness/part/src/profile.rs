@@ -156,6 +156,8 @@ impl<'a> Sweep<'a> {
             _ if dz == 0.0 => f64::from(u8::from(dx < 0.0)),
             far if far <= 0.0 => 0.0,
             far if far >= dz * dz => 1.0,
+            // Along the bar, the arc's lowest point has gone past here.
+            _ if dx == 0.0 => return self.from.x,
             far => far / (dz * dz),
         };
         self.from.x + share * dx + self.nose.height(along - share * dz)
