@@ -90,7 +90,9 @@ impl Profile {
             if *greatest <= cut {
                 continue;
             }
-            for (point, radius) in (start..=last).zip(radii.iter_mut()).skip(first.saturating_sub(start)) {
+            let within = first.saturating_sub(start)..radii.len().min(last + 1 - start);
+            let from = start + within.start;
+            for (point, radius) in (from..).zip(&mut radii[within]) {
                 if *radius <= cut {
                     continue;
                 }
@@ -99,10 +101,10 @@ impl Profile {
                 if off > NOTHING {
                     *radius = left;
                     shaving.area += off * GRID;
-                    shaving.thickest = shaving.thickest.max(off);
+                    shaving.thickest = if off > shaving.thickest { off } else { shaving.thickest };
                 }
             }
-            *greatest = radii.iter().copied().fold(0.0, f64::max);
+            *greatest = radii.iter().fold(0.0, |most, radius| if *radius > most { *radius } else { most });
         }
         shaving
     }
