@@ -90,7 +90,9 @@ impl Profile {
             if *greatest <= cut {
                 continue;
             }
-            for (point, radius) in (start..=last).zip(radii.iter_mut()).skip(first.saturating_sub(start)) {
+            let within = first.saturating_sub(start)..radii.len().min(last + 1 - start);
+            let from = start + within.start;
+            for (point, radius) in (from..).zip(&mut radii[within]) {
                 if *radius <= cut {
                     continue;
                 }
@@ -99,10 +101,10 @@ impl Profile {
                 if off > NOTHING {
                     *radius = left;
                     shaving.area += off * GRID;
-                    shaving.thickest = shaving.thickest.max(off);
+                    shaving.thickest = if off > shaving.thickest { off } else { shaving.thickest };
                 }
             }
-            *greatest = radii.iter().copied().fold(0.0, f64::max);
+            *greatest = radii.iter().fold(0.0, |most, radius| if *radius > most { *radius } else { most });
         }
         shaving
     }
@@ -156,6 +158,8 @@ impl<'a> Sweep<'a> {
             _ if dz == 0.0 => f64::from(u8::from(dx < 0.0)),
             far if far <= 0.0 => 0.0,
             far if far >= dz * dz => 1.0,
+            // Along the bar, the arc's lowest point has gone past here.
+            _ if dx == 0.0 => return self.from.x,
             far => far / (dz * dz),
         };
         self.from.x + share * dx + self.nose.height(along - share * dz)
