@@ -187,9 +187,9 @@ impl Subject {
                 }
             },
         };
-        let Some(motor) = kinds::motor(&found.kind, &found.settings, which)? else {
+        let motor = kinds::motor(&found.kind, &found.settings, which)?.map_err(|lacks| {
             let has_motor = |other: &&crate::rig::file::Board| {
-                kinds::motor(&other.kind, &other.settings, None).is_ok_and(|m| m.is_some())
+                kinds::motor(&other.kind, &other.settings, None).is_ok_and(|motor| motor.is_ok())
             };
             let known: Vec<&str> = file.boards.iter().filter(has_motor).map(|board| board.name.as_str()).collect();
             let expected = if known.is_empty() {
@@ -197,13 +197,8 @@ impl Subject {
             } else {
                 format!("expected one of {}", known.join(", "))
             };
-            let lacks = if found.kind == "servo" {
-                "has an axis that begins at the end of its travel: there is no room to drive it freely"
-            } else {
-                "has no motor"
-            };
-            return Err(BenchError::NoMotor { board: board.to_owned(), why: format!("{lacks}: {expected}") });
-        };
+            BenchError::NoMotor { board: board.to_owned(), why: format!("{lacks}: {expected}") }
+        })?;
         Ok(Self { node, board: subject.to_owned(), motor, place, clock: found.clock })
     }
 

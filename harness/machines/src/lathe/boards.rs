@@ -7,7 +7,7 @@ use torno_slaves::{
 };
 
 use crate::kinds::{Kind, boxed, read};
-use crate::motor::{Encoder, Form, Law, Motor};
+use crate::motor::{Encoder, Form, Law, Motor, NO_MOTOR};
 
 /// The kinds of the lathe's boards.
 pub(super) const KINDS: [Kind; 5] = [
@@ -15,21 +15,21 @@ pub(super) const KINDS: [Kind; 5] = [
         name: "master",
         settings: MasterSettings::declared,
         build: |settings, clock| Ok(boxed(Master::new(&read(settings, MasterSettings::check)?, clock))),
-        motor: |settings, _| read(settings, MasterSettings::check).map(|_| None),
+        motor: |settings, _| read(settings, MasterSettings::check).map(|_| Err(NO_MOTOR)),
         mm_per_count: |settings, _| read(settings, MasterSettings::check).map(|_| None),
     },
     Kind {
         name: "spindle",
         settings: SpindleSettings::declared,
         build: |settings, clock| Ok(boxed(Spindle::new(&read(settings, SpindleSettings::check)?, clock))),
-        motor: |settings, _| read(settings, SpindleSettings::check).map(|settings| Some(spindle(&settings))),
+        motor: |settings, _| read(settings, SpindleSettings::check).map(|settings| Ok(spindle(&settings))),
         mm_per_count: |settings, _| read(settings, SpindleSettings::check).map(|_| None),
     },
     Kind {
         name: "transverse",
         settings: TransverseSettings::declared,
         build: |settings, clock| Ok(boxed(Transverse::new(&read(settings, TransverseSettings::check)?, clock))),
-        motor: |settings, _| read(settings, TransverseSettings::check).map(|settings| Some(transverse(&settings))),
+        motor: |settings, _| read(settings, TransverseSettings::check).map(|settings| Ok(transverse(&settings))),
         mm_per_count: |settings, quantity| {
             let settings = read(settings, TransverseSettings::check)?;
             Ok(counts_a_carriage(quantity).then(|| feed(&settings)))
@@ -39,7 +39,7 @@ pub(super) const KINDS: [Kind; 5] = [
         name: "depth",
         settings: DepthSettings::declared,
         build: |settings, clock| Ok(boxed(Depth::new(&read(settings, DepthSettings::check)?, clock))),
-        motor: |settings, _| read(settings, DepthSettings::check).map(|settings| Some(depth(&settings))),
+        motor: |settings, _| read(settings, DepthSettings::check).map(|settings| Ok(depth(&settings))),
         mm_per_count: |settings, quantity| {
             let settings = read(settings, DepthSettings::check)?;
             Ok(counts_a_carriage(quantity).then(|| infeed(&settings)))
@@ -52,10 +52,10 @@ pub(super) const KINDS: [Kind; 5] = [
         motor: |settings, which| {
             let settings = read(settings, DspicSettings::check)?;
             Ok(match which {
-                Some("spindle") => Some(spindle(&settings.spindle)),
-                Some("transverse") => Some(transverse(&settings.transverse)),
-                Some("depth") => Some(depth(&settings.depth)),
-                _ => None,
+                Some("spindle") => Ok(spindle(&settings.spindle)),
+                Some("transverse") => Ok(transverse(&settings.transverse)),
+                Some("depth") => Ok(depth(&settings.depth)),
+                _ => Err(NO_MOTOR),
             })
         },
         mm_per_count: |settings, quantity| {
