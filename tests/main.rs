@@ -16,6 +16,7 @@ mod failures;
 mod faults;
 mod identify;
 mod imports;
+mod machine;
 mod part;
 mod pc_port;
 mod processes;

@@ -48,8 +48,10 @@ pub trait Dialect: Debug + Sync {
     /// What is wrong with the text.
     fn bytes(&self, text: &str) -> Result<Vec<u8>, String>;
 
-    /// The command that plays programs on such a rig.
-    fn player(&self) -> &'static str;
+    /// The command that plays programs on such a rig; if there is none, the one that lets a program in.
+    fn player(&self) -> &'static str {
+        "torno up"
+    }
 }
 
 /// Listens at the PC's side of the cable.
