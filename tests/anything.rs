@@ -522,7 +522,7 @@ fn a_rig_that_is_taken_can_be_started_and_goes_on() {
         }
         let file = RigFile::parse("any.toml", &text).unwrap_or_else(|error| panic!("{error}\n{text}"));
         let events = block_on(async {
-            let mut rig = Rig::start(&file, &Driver::InProcess, file.uart()).await.unwrap();
+            let mut rig = Rig::start(&file, &Driver::InProcess, file.pc.uart()).await.unwrap();
             let pc = rig.pc();
             rig.stimulate(pc, Instant::from_nanos(10_000_000), Stimulus::Write(vec![0; 8]));
             rig.settle(Instant::START + Span::from_millis(300)).await.unwrap();

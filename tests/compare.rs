@@ -212,7 +212,10 @@ fn a_program_that_fails_on_one_is_shown_and_is_no_success() {
 fn what_cannot_be_compared_is_said() {
     for (arguments, expected) in [
         (&["compare", "lathe"][..], "<OTHER>"),
-        (&["compare", "lathe", "late"], "cannot read the rig file 'late' (built-in rigs: lathe, lathe-dspic, servo)"),
+        (
+            &["compare", "lathe", "late"],
+            "cannot read the rig file 'late' (built-in rigs: lathe, lathe-dspic, servo, echo)",
+        ),
         (&["compare", "lathe", "servo"], "the rig 'servo' speaks servo: use 'torno servo"),
         (&["compare", "lathe", "lathe-dspic", "none.frames"], "cannot read the program 'none.frames'"),
         (&["identify", "lathe-dspic", "dspic"], "board 'dspic' has several motors: expected one of dspic.spindle, "),

@@ -18,6 +18,7 @@ mod faults;
 mod foreign;
 mod identify;
 mod imports;
+mod machine;
 mod part;
 mod pc_port;
 mod processes;

@@ -214,6 +214,18 @@ fn a_failure_shows_all_that_happened_before_it_in_its_order() {
 }
 
 #[test]
+fn a_failure_shows_frames_as_the_master_takes_them() {
+    let text = "name = \"cut short\"\n[[step]]\ndoes = \"three of eight bytes\"\nbytes = \"0A E1 00\"\n\
+                [[step]]\ndoes = \"silence\"\nwait = { reply = \"NAK c\", within = \"200 ms\" }\n\
+                [[step]]\ndoes = \"a whole frame\"\nsend = [\"00 64 03 84 00 00 00 00\"]\n\
+                [[step]]\ndoes = \"for ever\"\nwait = { reply = \"CAN d n\", within = \"1 s\" }\n";
+    let outcome = run(&Scenario::parse("cut.toml", text, None).unwrap(), &Driver::InProcess);
+    let context = &outcome.failures[0].context;
+    let sent = context.iter().filter_map(|line| line.split_once("pc sends ")).map(|(_, frame)| frame);
+    assert_eq!(sent.collect::<Vec<_>>(), ["00 64 03 84 00 00 00 00 (a frame)"], "{context:?}");
+}
+
+#[test]
 fn a_busy_host_changes_nothing() {
     let stop = AtomicBool::new(false);
     std::thread::scope(|scope| {

@@ -6,8 +6,10 @@ use torno_bus::PcProgram;
 use torno_engine::Fact;
 use torno_machines::workpiece::ToolPath;
 use torno_protocol::board::Stimulus;
-use torno_protocol::lathe::{Conversation, Outcome, Program, Reply, ReplyDecoder};
+use torno_protocol::clock::Clock;
+use torno_protocol::lathe::{Conversation, FrameDecoder, Outcome, Program, Reply, ReplyDecoder};
 use torno_protocol::time::{Instant, Span};
+use torno_protocol::uart::Character;
 use torno_trace::{Header, Trace, Waveforms};
 
 use crate::fault::Planned;
@@ -137,7 +139,8 @@ struct Player {
     decoder: ReplyDecoder,
     conversation: Conversation,
     facts: Vec<Fact>,
-    bytes_sent: usize,
+    /// The program's frames follow one another, whatever the master makes of them.
+    sending: FrameDecoder,
     now: Instant,
     /// When a frame has been accepted last.
     accepted: Instant,
@@ -208,7 +211,7 @@ impl Play {
             decoder: ReplyDecoder::default(),
             conversation: Conversation::default(),
             facts: Vec::new(),
-            bytes_sent: 0,
+            sending: FrameDecoder::new(Clock::TRUE),
             now: Instant::START,
             accepted: Instant::START,
             over: None,
@@ -311,9 +314,8 @@ impl Player {
     fn listen(&mut self, at: Instant, exchange: &Exchange) {
         let accepted = self.conversation.accepted;
         match exchange {
-            Exchange::Sent(..) => {
-                self.bytes_sent += 1;
-                if self.bytes_sent.is_multiple_of(8) {
+            Exchange::Sent(byte, _) => {
+                if self.sending.push(at, Character::good(*byte)).is_some() {
                     self.conversation.sent();
                 }
             }

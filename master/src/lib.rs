@@ -7,7 +7,6 @@
 //! The [`Reception`] is the half of it that faces the PC. It does not know how frames are executed, so a board that
 //! drives the motors itself has the same.
 
-mod assembly;
 mod master;
 mod reception;
 mod supervision;

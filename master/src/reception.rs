@@ -5,11 +5,9 @@ use std::collections::VecDeque;
 
 use torno_protocol::board::{Output, Role, Signal};
 use torno_protocol::clock::Clock;
-use torno_protocol::lathe::{Fault, Frame, Party, RATE, Refusal, Reply, Slave, XOFF, XON};
+use torno_protocol::lathe::{Fault, Frame, FrameDecoder, Party, RATE, Refusal, Reply, Slave, XOFF, XON};
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::{Character, Transmitter};
-
-use crate::assembly::{Assembly, Bytes};
 
 /// The port to the PC; other ports follow.
 pub const PC: u8 = 0;
@@ -53,7 +51,7 @@ pub enum Beginning {
 #[derive(Clone, Debug)]
 pub struct Reception {
     beginning: Beginning,
-    assembly: Assembly,
+    frames: FrameDecoder,
     pc: Transmitter,
     /// A frame that has come while slaves are busy.
     held: Option<Frame>,
@@ -133,7 +131,7 @@ impl Reception {
     pub fn new(clock: Clock, beginning: Beginning) -> Self {
         Self {
             beginning,
-            assembly: Assembly::new(clock),
+            frames: FrameDecoder::new(clock),
             pc: Transmitter::hardware(RATE, clock),
             held: None,
             distributed: 0,
@@ -153,7 +151,7 @@ impl Reception {
 
     /// Counts in `clock` from now on.
     pub fn retune(&mut self, clock: Clock) {
-        self.assembly.retune(clock);
+        self.frames.retune(clock);
         self.pc.retune(RATE, clock);
     }
 
@@ -197,7 +195,7 @@ impl Reception {
         if character.overrun {
             self.event(Event::PcOverrun, i64::from(character.byte));
         }
-        match self.assembly.character(now, character)? {
+        match self.frames.push(now, character)? {
             Ok(bytes) => self.receive(bytes, slaves),
             Err(refusal) => {
                 self.refuse(refusal);
@@ -208,7 +206,7 @@ impl Reception {
 
     /// The paper's rule: if a process is running in any stage, the sending is delayed until all have finished, and the
     /// PC is informed (§3).
-    fn receive(&mut self, bytes: Bytes, slaves: &impl Slaves) -> Option<Order> {
+    fn receive(&mut self, bytes: [u8; Frame::LENGTH], slaves: &impl Slaves) -> Option<Order> {
         match Frame::parse(bytes) {
             Err(refusal) => self.refuse(refusal),
             Ok(_) if self.held.is_some() => self.refuse(Refusal::Overrun),
@@ -216,7 +214,7 @@ impl Reception {
                 self.held = Some(frame);
                 self.event(Event::Held, 0);
                 self.telemetry(Quantity::FrameHeld, 1);
-                self.assembly.hold(true);
+                self.frames.hold(true);
                 self.reply(Reply::Xoff);
             }
             Ok(frame) => {
@@ -247,8 +245,8 @@ impl Reception {
     /// is held is not known: it is taken to be, so that its silence counts from the `XON`.
     fn confess(&mut self, now: Instant) {
         self.reply(Reply::Can(Party::Master, Fault::Restarted));
-        self.assembly.hold(true);
-        self.assembly.stop(now);
+        self.frames.hold(true);
+        self.frames.stop(now);
         self.give_up(now);
     }
 
@@ -266,7 +264,7 @@ impl Reception {
         if self.held.take().is_some() {
             self.telemetry(Quantity::FrameHeld, 0);
         }
-        self.assembly.abandon(now);
+        self.frames.abandon(now);
     }
 
     /// A slave is no longer busy. If none is, the PC may go on, and what was held is to be executed.
@@ -280,7 +278,7 @@ impl Reception {
         }
         self.event(Event::AllDone, 0);
         self.reply(Reply::Xon);
-        self.assembly.hold(false);
+        self.frames.hold(false);
         let held = self.held.take()?;
         self.telemetry(Quantity::FrameHeld, 0);
         Some(held)
@@ -299,9 +297,7 @@ impl Reception {
             self.confess(now);
             next = self.check_done(slaves);
         }
-        if self.silence().is_some_and(|at| at <= now)
-            && let Some(refusal) = self.assembly.handle_silence()
-        {
+        if let Some(refusal) = self.frames.handle_timeout(now) {
             self.refuse(refusal);
         }
         next
@@ -311,8 +307,8 @@ impl Reception {
     pub fn load(&mut self, now: Instant) {
         let Some(loaded) = self.pc.load(now) else { return };
         match loaded.byte {
-            XOFF => self.assembly.stop(now),
-            XON => self.assembly.go_on(now),
+            XOFF => self.frames.stop(now),
+            XON => self.frames.go_on(now),
             _ => {}
         }
         self.put(Output::Character { port: PC, edges: loaded.edges, end: loaded.end });
@@ -329,6 +325,6 @@ impl Reception {
 
     /// When it concludes something from the PC's silence.
     pub fn silence(&self) -> Option<Instant> {
-        self.assembly.poll_timeout()
+        self.frames.poll_timeout()
     }
 }

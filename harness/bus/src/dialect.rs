@@ -5,7 +5,8 @@
 
 use std::fmt::Debug;
 
-use torno_protocol::time::Instant;
+use torno_protocol::time::{Instant, Span};
+use torno_protocol::uart::Character;
 
 use crate::Heard;
 use torno_engine::LineId;
@@ -36,14 +37,21 @@ pub trait Dialect: Debug + Sync {
     /// Somebody who reads those lines of a rig that have this dialect.
     fn reader(&self, layout: &Layout) -> Box<dyn Reader>;
 
+    /// Somebody who measures how long the controller takes; none if nothing is to be measured.
+    fn stopwatch(&self) -> Option<Box<dyn Stopwatch>> {
+        None
+    }
+
     /// The bytes that stand for what a scenario lets the PC send.
     ///
     /// # Errors
     /// What is wrong with the text.
     fn bytes(&self, text: &str) -> Result<Vec<u8>, String>;
 
-    /// The command that plays programs on such a rig.
-    fn player(&self) -> &'static str;
+    /// The command that plays programs on such a rig; if there is none, the one that lets a program in.
+    fn player(&self) -> &'static str {
+        "torno up"
+    }
 }
 
 /// Listens at the PC's side of the cable.
@@ -53,6 +61,28 @@ pub trait Listener: Debug + Send {
 
     /// The PC has received a byte; gives the replies that are complete with it.
     fn received(&mut self, at: Instant, byte: u8) -> Vec<Reply>;
+}
+
+/// Measures, by the characters on the cable, how long the controller takes for what the PC asks for.
+pub trait Stopwatch: Debug + Send {
+    /// A character has come from the PC.
+    fn sent(&mut self, at: Instant, character: Character);
+
+    /// A byte has come from the controller; gives the phases that are over with it.
+    fn received(&mut self, at: Instant, byte: u8) -> Vec<(Phase, Span)>;
+}
+
+/// A phase of the work on something that the PC asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Phase {
+    /// From its last byte to its acceptance, if it is not held.
+    Answer,
+    /// From the end of the hold to the acceptance of what was held.
+    HeldAnswer,
+    /// From its acceptance to the end of its execution.
+    Execution,
+    /// From its last byte to the end of its execution.
+    Whole,
 }
 
 /// Makes messages of the characters on all lines of a rig.

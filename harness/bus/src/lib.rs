@@ -9,7 +9,9 @@ mod names;
 mod pc;
 mod replies;
 
-pub use dialect::{Dialect, Dialects, Listener, Message, Reader, Readers, Reply, hex, is_stray_byte, no_reply};
+pub use dialect::{
+    Dialect, Dialects, Listener, Message, Phase, Reader, Readers, Reply, Stopwatch, hex, is_stray_byte, no_reply,
+};
 pub use ear::{Ears, Heard};
 pub use names::Names;
 pub use pc::{BAUD, Outside, PcEvent, PcProgram, PcUart, RECEIVED, STOPPED};

@@ -14,7 +14,7 @@ use torno_protocol::stepping::{BrokenPromise, Stepper};
 use torno_text::{Complaint, of_toml};
 
 use crate::MACHINES;
-use crate::motor::Motor;
+use crate::motor::OnBench;
 
 /// A board's settings, as part of the text that they were read from.
 pub type Settings<'a> = Spanned<DeValue<'a>>;
@@ -30,8 +30,8 @@ pub struct Kind {
     pub(crate) settings: fn() -> Vec<Setting>,
     /// Builds a board of this kind as at power-on.
     pub(crate) build: fn(&Settings<'_>, Clock) -> Result<Built, Complaint>,
-    /// The motor at this place among such a board's.
-    pub(crate) motor: fn(&Settings<'_>, u8) -> Result<Option<Motor>, Complaint>,
+    /// The motor at this place among such a board's, or why none can be driven freely.
+    pub(crate) motor: fn(&Settings<'_>, u8) -> Result<OnBench, Complaint>,
     /// How far the carriage of the motor at this place goes for each count of its encoder, in mm.
     pub(crate) mm_per_count: fn(&Settings<'_>, u8) -> Result<Option<f64>, Complaint>,
 }
@@ -113,12 +113,12 @@ pub fn build_parsed(kind: &str, settings: &Settings<'_>, clock: Clock) -> Result
     (find(kind)?.build)(settings, clock).map_err(|complaint| wrong(kind, complaint))
 }
 
-/// The motor at this place among those of a board of that kind with these settings (TOML); None if it has none that can
-/// be driven freely.
+/// The motor at this place among those of a board of that kind with these settings (TOML), or in words why none can be
+/// driven freely ("has no motor").
 ///
 /// # Errors
 /// [`KindError`] if there is no such kind, or its settings are wrong.
-pub fn motor(kind: &str, settings: &str, motor: u8) -> Result<Option<Motor>, KindError> {
+pub fn motor(kind: &str, settings: &str, motor: u8) -> Result<OnBench, KindError> {
     with(kind, settings, |found, settings| (found.motor)(settings, motor))
 }
 

@@ -1,6 +1,8 @@
 //! The machines. Each has a room of its own, which says what its boards are made of, what is said on its lines and what
 //! it makes; [`MACHINES`] names them all. Whatever runs rigs knows machines by this registry only.
 
+#[cfg(feature = "echo")]
+mod echo;
 pub mod kinds;
 mod lathe;
 pub mod motor;
@@ -24,7 +26,12 @@ pub struct Machine {
 }
 
 /// The machines that there are. The first rig of the first one is meant where none is named.
-const MACHINES: [&Machine; 2] = [&lathe::MACHINE, &servo::MACHINE];
+const MACHINES: &[&Machine] = &[
+    &lathe::MACHINE,
+    &servo::MACHINE,
+    #[cfg(feature = "echo")]
+    &echo::MACHINE,
+];
 
 /// The dialect of that name.
 pub fn dialect(name: &str) -> Option<&'static dyn Dialect> {

@@ -1,5 +1,11 @@
 //! A board's motor as seen from its bench: how to drive it, what its encoder counts, what regulates it.
 
+/// A board's motor on the bench, or in words why it has none that can be driven freely.
+pub type OnBench = Result<Motor, &'static str>;
+
+/// What a board lacks that has nothing to drive.
+pub(crate) const NO_MOTOR: &str = "has no motor";
+
 /// What telemetry tells of a motor's shaft.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Encoder {

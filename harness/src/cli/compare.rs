@@ -50,7 +50,7 @@ impl Candidate {
 
     async fn play(self, program: Program) -> anyhow::Result<Side> {
         let Self { file, set } = self;
-        let mut ledger = Ledger::new(&file.layout);
+        let mut ledger = Ledger::new(&file.layout, file.pc.dialect);
         let name = file.name.clone();
         let play = Play::new(file, program, Driver::InProcess);
         let played = play.run(|progress| ledger.add(progress.facts)).await?;

@@ -189,10 +189,10 @@ impl Subject {
                 }
             },
         };
-        let Some(motor) = kinds::motor(&found.kind, &found.settings, place)? else {
+        let motor = kinds::motor(&found.kind, &found.settings, place)?.map_err(|lacks| {
             let has_motor = |other: &&crate::rig::file::Board| {
                 other.description.motors.len() == 1
-                    && kinds::motor(&other.kind, &other.settings, 0).is_ok_and(|m| m.is_some())
+                    && kinds::motor(&other.kind, &other.settings, 0).is_ok_and(|motor| motor.is_ok())
             };
             let known: Vec<&str> = file.boards.iter().filter(has_motor).map(|board| board.name.as_str()).collect();
             let expected = if known.is_empty() {
@@ -200,13 +200,8 @@ impl Subject {
             } else {
                 format!("expected one of {}", known.join(", "))
             };
-            let lacks = if found.kind == "servo" {
-                "has an axis that begins at the end of its travel: there is no room to drive it freely"
-            } else {
-                "has no motor"
-            };
-            return Err(BenchError::NoMotor { board: board.to_owned(), why: format!("{lacks}: {expected}") });
-        };
+            BenchError::NoMotor { board: board.to_owned(), why: format!("{lacks}: {expected}") }
+        })?;
         Ok(Self { node, board: subject.to_owned(), motor, place, clock: found.clock })
     }
 

@@ -1,23 +1,20 @@
 //! What the buses of a rig cost: how long a frame takes, how long the PC is held, how well an axis follows, and what
 //! goes over each line. Quantities are known by their roles, so that it serves any rig.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 
 use torno_protocol::board::Role;
-use torno_protocol::lathe::{Reply, ReplyDecoder};
 use torno_protocol::time::{Instant, Span};
 
-use torno_bus::{Ears, STOPPED};
+use torno_bus::{Dialect, Ears, Phase, STOPPED, Stopwatch};
 use torno_engine::{Fact, LineId, NodeId};
 use torno_protocol::layout::{BoardLayout, Layout};
 
-/// The bytes of a frame.
-const FRAME: usize = 8;
-
 /// Takes note of what happens in a rig.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Ledger {
     ears: Ears,
+    stopwatch: Option<Box<dyn Stopwatch>>,
     /// The lines, each with its name, and whether the PC sends on it or hears it.
     lines: Vec<(String, bool, bool)>,
     pc: NodeId,
@@ -97,13 +94,14 @@ impl Spread {
 }
 
 impl Ledger {
-    /// A ledger of nothing yet, for a rig with this layout.
-    pub fn new(layout: &Layout) -> Self {
+    /// A ledger of nothing yet, for a rig with this layout whose PC speaks this dialect.
+    pub fn new(layout: &Layout, dialect: &dyn Dialect) -> Self {
         let pc = layout.gateways().next().unwrap_or_default();
         let lines = layout.lines.iter().map(|line| (line.name.clone(), line.from.0 == pc, line.to.0 == pc)).collect();
         let axes = layout.boards.iter().enumerate().flat_map(|(node, board)| followers(node, board)).collect();
         Self {
             ears: Ears::new(layout),
+            stopwatch: dialect.stopwatch(),
             lines,
             pc,
             held_since: None,
@@ -148,12 +146,15 @@ impl Ledger {
         };
         let between = self.lines.iter().filter(|(_, from_pc, to_pc)| !from_pc && !to_pc);
         account.bytes.extend(between.map(|(name, ..)| (name.clone(), 0)));
-        let mut talk = Talk::default();
         for heard in self.ears.hear(Instant::NEVER) {
             account.count(&self.lines, heard.line);
+            let Some(stopwatch) = &mut self.stopwatch else { continue };
             match (&self.lines[heard.line], heard.character.ok()) {
-                ((_, true, _), _) => talk.sent(heard.at),
-                ((_, _, true), Some(byte)) => talk.heard(heard.at, byte, &mut account),
+                ((_, true, _), _) => stopwatch.sent(heard.at, heard.character),
+                ((_, _, true), Some(byte)) => {
+                    let over = stopwatch.received(heard.at, byte);
+                    over.into_iter().for_each(|(phase, time)| account.of(phase).add(time));
+                }
                 _ => {}
             }
         }
@@ -162,6 +163,15 @@ impl Ledger {
 }
 
 impl Account {
+    const fn of(&mut self, phase: Phase) -> &mut Spread {
+        match phase {
+            Phase::Answer => &mut self.answer,
+            Phase::HeldAnswer => &mut self.held_answer,
+            Phase::Execution => &mut self.execution,
+            Phase::Whole => &mut self.whole,
+        }
+    }
+
     fn count(&mut self, lines: &[(String, bool, bool)], line: LineId) {
         match &lines[line] {
             (_, true, _) => self.pc_bytes[0] += 1,
@@ -215,58 +225,8 @@ impl Follower {
     }
 }
 
-/// The conversation with the PC as its lines have it.
-#[derive(Debug, Default)]
-struct Talk {
-    bytes: usize,
-    decoder: ReplyDecoder,
-    /// Frames without an answer: when the last byte came, and whether it is held.
-    waiting: VecDeque<(Instant, bool)>,
-    /// Frames that are being executed: when the last byte came, and when the `ACK`.
-    running: Vec<(Instant, Instant)>,
-    resumed: Option<Instant>,
-}
-
-impl Talk {
-    fn sent(&mut self, at: Instant) {
-        self.bytes += 1;
-        if self.bytes.is_multiple_of(FRAME) {
-            self.waiting.push_back((at, false));
-        }
-    }
-
-    fn heard(&mut self, at: Instant, byte: u8, account: &mut Account) {
-        for reply in self.decoder.push(byte) {
-            match reply {
-                Reply::Ack => {
-                    let Some((sent, held)) = self.waiting.pop_front() else { continue };
-                    self.running.push((sent, at));
-                    match (held, self.resumed) {
-                        (true, Some(resumed)) => account.held_answer.add(at.since(resumed)),
-                        _ => account.answer.add(at.since(sent)),
-                    }
-                }
-                Reply::Xoff => self.waiting.iter_mut().for_each(|(_, held)| *held = true),
-                Reply::Xon => {
-                    self.resumed = Some(at);
-                    for (sent, acknowledged) in self.running.drain(..) {
-                        account.whole.add(at.since(sent));
-                        account.execution.add(at.since(acknowledged));
-                    }
-                }
-                Reply::Nak(_) => drop(self.waiting.pop_front()),
-                // What was held is dropped.
-                Reply::Can(..) => self.waiting.clear(),
-                Reply::Unknown(_) => {}
-            }
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use torno_protocol::lathe::{ACK, XOFF, XON};
-
     use super::*;
     use crate::rig::file::RigFile;
 
@@ -275,7 +235,8 @@ mod tests {
     }
 
     fn ledger(rig: &str) -> Ledger {
-        Ledger::new(&RigFile::load(rig).unwrap().layout)
+        let file = RigFile::load(rig).unwrap();
+        Ledger::new(&file.layout, file.pc.dialect)
     }
 
     #[test]
@@ -296,21 +257,6 @@ mod tests {
         ledger.add(&[telemetry(ms(60), set_point, 110), telemetry(ms(60), position, 105)]);
         let account = ledger.close(ms(90));
         assert_eq!(account.axes[0], Axis { name: "transverse".to_owned(), position: 105, following_error: Some(5) });
-    }
-
-    #[test]
-    fn a_held_frame_is_answered_from_the_xon_on() {
-        let mut account = ledger("lathe").close(ms(0));
-        let mut talk = Talk::default();
-        (1..=16).for_each(|n| talk.sent(ms(n)));
-        for (at, reply) in [(10, ACK), (18, XOFF), (500, XON), (505, ACK), (900, XON)] {
-            talk.heard(ms(at), reply, &mut account);
-        }
-        let times = [account.answer, account.held_answer, account.whole, account.execution];
-        let found = times.map(|spread| (spread.count, spread.sum, spread.worst));
-        let ms = Span::from_millis;
-        let (whole, execution) = ((2, ms(492 + 884), ms(884)), (2, ms(490 + 395), ms(490)));
-        assert_eq!(found, [(1, ms(2), ms(2)), (1, ms(5), ms(5)), whole, execution]);
     }
 
     #[test]

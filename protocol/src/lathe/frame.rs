@@ -132,6 +132,9 @@ impl Direction {
 }
 
 impl Frame {
+    /// Bytes of a frame.
+    pub const LENGTH: usize = LENGTH;
+
     /// Reads a frame.
     ///
     /// # Errors

@@ -35,6 +35,7 @@
 
 mod conversation;
 mod frame;
+mod frame_decoder;
 mod parity;
 mod program;
 mod reply;
@@ -45,6 +46,7 @@ use crate::uart::BITS_PER_CHARACTER;
 
 pub use conversation::{Conversation, Outcome};
 pub use frame::{DepthPart, Direction, Frame, Refusal, SpindlePart, TransversePart};
+pub use frame_decoder::FrameDecoder;
 pub use parity::Parity;
 pub use program::{Destination, Program, ProgramError};
 pub use reply::{Fault, Party, Reply, ReplyDecoder, Slave};

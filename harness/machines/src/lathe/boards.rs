@@ -8,7 +8,7 @@ use torno_slaves::{
 };
 
 use crate::kinds::{Kind, boxed, read};
-use crate::motor::{Encoder, Form, Law, Motor};
+use crate::motor::{Encoder, Form, Law, Motor, NO_MOTOR};
 
 /// The kinds of the lathe's boards.
 pub(super) const KINDS: [Kind; 5] = [
@@ -16,7 +16,7 @@ pub(super) const KINDS: [Kind; 5] = [
         name: "master",
         settings: MasterSettings::declared,
         build: |settings, clock| Ok(boxed(Master::new(&read(settings, MasterSettings::check)?, clock))),
-        motor: |settings, _| read(settings, MasterSettings::check).map(|_| None),
+        motor: |settings, _| read(settings, MasterSettings::check).map(|_| Err(NO_MOTOR)),
         mm_per_count: |settings, _| read(settings, MasterSettings::check).map(|_| None),
     },
     Kind {
@@ -24,7 +24,8 @@ pub(super) const KINDS: [Kind; 5] = [
         settings: SpindleSettings::declared,
         build: |settings, clock| Ok(boxed(Spindle::new(&read(settings, SpindleSettings::check)?, clock))),
         motor: |settings, motor| {
-            read(settings, SpindleSettings::check).map(|settings| (motor == 0).then(|| spindle(&settings)))
+            let settings = read(settings, SpindleSettings::check)?;
+            Ok(if motor == 0 { Ok(spindle(&settings)) } else { Err(NO_MOTOR) })
         },
         mm_per_count: |settings, _| read(settings, SpindleSettings::check).map(|_| None),
     },
@@ -33,7 +34,8 @@ pub(super) const KINDS: [Kind; 5] = [
         settings: TransverseSettings::declared,
         build: |settings, clock| Ok(boxed(Transverse::new(&read(settings, TransverseSettings::check)?, clock))),
         motor: |settings, motor| {
-            read(settings, TransverseSettings::check).map(|settings| (motor == 0).then(|| transverse(&settings)))
+            let settings = read(settings, TransverseSettings::check)?;
+            Ok(if motor == 0 { Ok(transverse(&settings)) } else { Err(NO_MOTOR) })
         },
         mm_per_count: |settings, motor| {
             let settings = read(settings, TransverseSettings::check)?;
@@ -45,7 +47,8 @@ pub(super) const KINDS: [Kind; 5] = [
         settings: DepthSettings::declared,
         build: |settings, clock| Ok(boxed(Depth::new(&read(settings, DepthSettings::check)?, clock))),
         motor: |settings, motor| {
-            read(settings, DepthSettings::check).map(|settings| (motor == 0).then(|| depth(&settings)))
+            let settings = read(settings, DepthSettings::check)?;
+            Ok(if motor == 0 { Ok(depth(&settings)) } else { Err(NO_MOTOR) })
         },
         mm_per_count: |settings, motor| {
             let settings = read(settings, DepthSettings::check)?;
@@ -59,10 +62,10 @@ pub(super) const KINDS: [Kind; 5] = [
         motor: |settings, motor| {
             let settings = read(settings, DspicSettings::check)?;
             Ok(match Slave::ALL.get(usize::from(motor)) {
-                Some(Slave::Spindle) => Some(spindle(&settings.spindle)),
-                Some(Slave::Transverse) => Some(transverse(&settings.transverse)),
-                Some(Slave::Depth) => Some(depth(&settings.depth)),
-                None => None,
+                Some(Slave::Spindle) => Ok(spindle(&settings.spindle)),
+                Some(Slave::Transverse) => Ok(transverse(&settings.transverse)),
+                Some(Slave::Depth) => Ok(depth(&settings.depth)),
+                None => Err(NO_MOTOR),
             })
         },
         mm_per_count: |settings, motor| {

@@ -4,14 +4,16 @@
 //! characters of all lines are read together, by the rules of the boards.
 
 use torno_protocol::lathe::{
-    ACK, BAUD, BEL, CAN, CHARACTER, DepthPart, ENQ, FRAME_GAP, Fault, Frame, Parity, Party, Program, Refusal, Reply,
-    ReplyDecoder, Slave, SpindlePart, TransversePart,
+    ACK, BAUD, BEL, CAN, CHARACTER, DepthPart, ENQ, Fault, Frame, Parity, Party, Program, Refusal, Reply, Slave,
+    SpindlePart, TransversePart,
 };
 use torno_protocol::layout::{GATEWAY, Layout, LineLayout};
 use torno_protocol::time::{Instant, Span};
 
-use torno_bus::{Dialect, Heard, Listener, Message, Reader, hex, is_stray_byte, no_reply};
+use torno_bus::{Dialect, Heard, Listener, Message, Reader, Stopwatch, hex, is_stray_byte, no_reply};
 use torno_engine::LineId;
+
+use super::cable::{Cable, Talk, Times};
 
 /// The longest time from one character of a slave's part to the next.
 const PART_GAP: Span = CHARACTER.times(3);
@@ -49,11 +51,15 @@ impl Dialect for Lathe {
     }
 
     fn listener(&self) -> Box<dyn Listener> {
-        Box::new(Cable::default())
+        Box::new(Cable(Talk::new()))
     }
 
     fn reader(&self, layout: &Layout) -> Box<dyn Reader> {
         Box::new(Lines::new(layout))
+    }
+
+    fn stopwatch(&self) -> Option<Box<dyn Stopwatch>> {
+        Some(Box::new(Times::new()))
     }
 
     fn bytes(&self, text: &str) -> Result<Vec<u8>, String> {
@@ -62,28 +68,6 @@ impl Dialect for Lathe {
 
     fn player(&self) -> &'static str {
         "torno run"
-    }
-}
-
-/// What goes over the PC's cable.
-#[derive(Clone, Debug, Default)]
-struct Cable {
-    sending: Vec<u8>,
-    replies: ReplyDecoder,
-}
-
-impl Listener for Cable {
-    fn sent(&mut self, _: Instant, byte: u8) -> Vec<String> {
-        self.sending.push(byte);
-        let Ok(frame) = <[u8; 8]>::try_from(self.sending.as_slice()) else { return Vec::new() };
-        self.sending.clear();
-        let meaning = Frame::parse(frame).map_or_else(|refusal| refusal.to_string(), |_| "a frame".to_owned());
-        vec![format!("{} ({meaning})", hex(&frame))]
-    }
-
-    fn received(&mut self, _: Instant, byte: u8) -> Vec<torno_bus::Reply> {
-        let reply = |reply: Reply| torno_bus::Reply { code: reply.code(), text: reply.to_string() };
-        self.replies.push(byte).into_iter().map(reply).collect()
     }
 }
 
@@ -102,16 +86,12 @@ fn slave(kind: &str) -> Option<Slave> {
 }
 
 /// Reads the characters of all lines together.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 struct Lines {
     roles: Vec<Role>,
-    /// The bytes of the frame that is coming.
-    frame: Partial,
-    /// Until the PC has been silent, nothing is a frame.
-    discarding: bool,
-    /// The last `XON`: the silence of a PC that was held counts from there.
-    resumed: Instant,
-    replies: ReplyDecoder,
+    talk: Talk,
+    /// The line on which the PC sends, and when its last character came.
+    pc: (LineId, Instant),
     slaves: [Conversation; 3],
     messages: Vec<Message>,
 }
@@ -144,50 +124,40 @@ impl Lines {
             (from, "master") => slave(from).map_or(Role::Unknown, Role::Answers),
             _ => Role::Unknown,
         };
-        Self { roles: layout.lines.iter().map(role).collect(), ..Self::default() }
+        let roles: Vec<Role> = layout.lines.iter().map(role).collect();
+        let pc = roles.iter().position(|role| *role == Role::Frames).unwrap_or_default();
+        let slaves = Default::default();
+        Self { roles, talk: Talk::new(), pc: (pc, Instant::START), slaves, messages: Vec::new() }
     }
 
     fn tell(&mut self, at: Instant, line: LineId, text: String, flaw: bool) {
         self.messages.push(Message { at, line, text, flaw });
     }
 
-    fn hear_pc(&mut self, heard: &Heard) {
-        let silent_since = self.frame.last.max(self.resumed.min(heard.at));
-        if heard.at.since(silent_since) > FRAME_GAP + CHARACTER {
-            self.cut_frame_short();
-            self.discarding = false;
-        }
-        self.frame.line = heard.line;
-        self.frame.last = heard.at;
-        let Some(byte) = heard.character.ok() else {
-            self.frame.bytes.clear();
-            self.discarding = true;
-            return;
-        };
-        if self.discarding {
-            return;
-        }
-        self.frame.bytes.push(byte);
-        if let Ok(bytes) = <[u8; 8]>::try_from(self.frame.bytes.as_slice()) {
-            self.frame.bytes.clear();
-            let (text, flaw) = match Frame::parse(bytes) {
-                Ok(frame) => (format!("frame: {}", frame_text(&frame)), false),
-                Err(refusal) => (format!("frame out of range ({refusal}): {}", hex(&bytes)), true),
-            };
-            self.tell(heard.at, heard.line, text, flaw);
+    fn hear_silence(&mut self, at: Instant) {
+        if let Some(bytes) = self.talk.silence(at) {
+            self.tell_cut_short(bytes);
         }
     }
 
-    fn cut_frame_short(&mut self) {
-        let Partial { line, bytes, last } = core::mem::take(&mut self.frame);
-        if !bytes.is_empty() {
-            self.tell(last, line, format!("frame cut short after {} of 8 bytes", bytes.len()), true);
-        }
+    fn tell_cut_short(&mut self, bytes: usize) {
+        let (line, last) = self.pc;
+        self.tell(last, line, format!("frame cut short after {bytes} of {} bytes", Frame::LENGTH), true);
+    }
+
+    fn hear_pc(&mut self, heard: &Heard) {
+        self.pc.1 = heard.at;
+        let Some(bytes) = self.talk.pc(heard.at, heard.character) else { return };
+        let (text, flaw) = match Frame::parse(bytes) {
+            Ok(frame) => (format!("frame: {}", frame_text(&frame)), false),
+            Err(refusal) => (format!("frame out of range ({refusal}): {}", hex(&bytes)), true),
+        };
+        self.tell(heard.at, heard.line, text, flaw);
     }
 
     fn hear_reply(&mut self, heard: &Heard) {
         let Some(byte) = heard.character.ok() else { return };
-        for reply in self.replies.push(byte) {
+        for reply in self.talk.master(heard.at, byte) {
             let (text, flaw) = match reply {
                 Reply::Ack => ("ACK: the frame has been distributed".to_owned(), false),
                 Reply::Xoff => ("XOFF: a frame is held".to_owned(), false),
@@ -196,15 +166,6 @@ impl Lines {
                 Reply::Can(party, fault) => (format!("CAN: {} failed ({fault})", party.name()), true),
                 Reply::Unknown(byte) => (format!("{byte:02X} is no reply"), true),
             };
-            match reply {
-                Reply::Xon => self.resumed = heard.at,
-                // The rest of what the PC says is thrown away until it has been silent.
-                Reply::Can(..) | Reply::Nak(Refusal::LineError) => {
-                    self.frame.bytes.clear();
-                    self.discarding = true;
-                }
-                _ => {}
-            }
             self.tell(heard.at, heard.line, text, flaw);
         }
     }
@@ -294,6 +255,7 @@ impl Lines {
 impl Reader for Lines {
     fn hear(&mut self, characters: &[Heard]) {
         for heard in characters {
+            self.hear_silence(heard.at);
             match self.roles[heard.line] {
                 Role::Frames => self.hear_pc(heard),
                 Role::Replies => self.hear_reply(heard),
@@ -311,7 +273,9 @@ impl Reader for Lines {
     }
 
     fn end(&mut self) {
-        self.cut_frame_short();
+        if self.talk.unfinished() > 0 {
+            self.tell_cut_short(self.talk.unfinished());
+        }
         Slave::ALL.into_iter().for_each(|slave| self.end_part(slave));
     }
 }
@@ -362,6 +326,7 @@ fn depth_text(part: DepthPart) -> String {
 #[cfg(test)]
 mod tests {
     use torno_bus::Readers;
+    use torno_protocol::lathe::{XOFF, XON};
     use torno_protocol::uart::Character;
 
     use super::*;
@@ -395,8 +360,12 @@ mod tests {
         assert_eq!(said(&[&part[..], &rest].concat()), [frame]);
         let cut = said(&[&part[..], &[None], &rest].concat());
         assert_eq!(cut, ["frame cut short after 3 of 8 bytes", "frame cut short after 5 of 8 bytes"]);
-        let held = said(&[&part[..], &[None], &on("master_to_pc", &[0x11]), &rest].concat());
-        assert_eq!(held, ["XON: all slaves are done", frame]);
+        let stop = on("master_to_pc", &[XOFF]);
+        let held = said(&[&stop[..], &part[..2], &[None], &on("master_to_pc", &[XON]), &part[2..], &rest].concat());
+        assert_eq!(held, ["XOFF: a frame is held", "XON: all slaves are done", frame]);
+        // A PC that has stopped, or should have, is silent on its own account.
+        let late = said(&[&stop[..], &[None], &part, &[None], &on("master_to_pc", &[XON]), &rest].concat());
+        assert_eq!(late[1], "frame cut short after 3 of 8 bytes");
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! The lathe: Peña & Martínez, *Sistema electrónico de control de un torno CNC didáctico* (2009).
 
 mod boards;
+mod cable;
 mod dialect;
 
 use crate::Machine;

@@ -4,13 +4,15 @@ use torno_slaves::{Servo, ServoSettings};
 
 use crate::kinds::{Kind, boxed, read};
 
-/// The controller with its motor, its screw and its encoder. Its axis begins at the end of its travel: there is no room
-/// for a bench.
+/// Why its motor cannot be driven freely.
+const NO_ROOM: &str = "has an axis that begins at the end of its travel: there is no room to drive it freely";
+
+/// The controller with its motor, its screw and its encoder.
 pub(super) const SERVO: Kind = Kind {
     name: "servo",
     settings: ServoSettings::declared,
     build: |settings, clock| Ok(boxed(Servo::new(&read(settings, ServoSettings::check)?, clock))),
-    motor: |settings, _| read(settings, ServoSettings::check).map(|_| None),
+    motor: |settings, _| read(settings, ServoSettings::check).map(|_| Err(NO_ROOM)),
     mm_per_count: |settings, motor| {
         let settings = read(settings, ServoSettings::check)?;
         Ok((motor == 0).then(|| 1.0 / settings.counts(1.0)))
