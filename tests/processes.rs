@@ -319,12 +319,7 @@ impl Run {
 
     /// The process of a board.
     fn board(&self, kind: &str) -> u64 {
-        let children = children(self.pid());
-        let is_it = |pid: &&u64| {
-            let words = fs::read(format!("/proc/{pid}/cmdline")).unwrap();
-            words.ends_with(format!("board\0{kind}\0").as_bytes())
-        };
-        *children.iter().find(is_it).unwrap_or_else(|| panic!("no {kind} in {children:?}"))
+        board_of(self.pid(), kind).unwrap_or_else(|| panic!("no {kind}"))
     }
 
     fn end(mut self) -> (Output, String) {
@@ -343,8 +338,10 @@ impl Drop for Run {
 }
 
 fn children(pid: u64) -> Vec<u64> {
-    let path = format!("/proc/{pid}/task/{pid}/children");
-    fs::read_to_string(path).unwrap().split_whitespace().map(|pid| pid.parse().unwrap()).collect()
+    let tasks = fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
+    let of_task = |task: fs::DirEntry| fs::read_to_string(task.path().join("children")).unwrap_or_default();
+    let all: Vec<String> = tasks.map(of_task).collect();
+    all.iter().flat_map(|some| some.split_whitespace()).filter_map(|pid| pid.parse().ok()).collect()
 }
 
 #[test]
@@ -565,4 +562,43 @@ fn a_run_at_a_pace_beyond_this_computer_says_that_it_is_behind() {
     let mut run = Run::start(&for_hours(), &["--pace", "100000"]);
     run.wait_for_log("WARN this computer is ");
     assert!(run.log().contains(" s behind; going on from here"), "{}", run.log());
+}
+
+// --- a scenario ----------------------------------------------------------------------------------------------------
+
+/// The process of a board that this process has launched.
+fn board_of(parent: u64, kind: &str) -> Option<u64> {
+    let command = |pid: &u64| fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+    children(parent).into_iter().find(|pid| command(pid).ends_with(format!("board\0{kind}\0").as_bytes()))
+}
+
+#[test]
+fn a_board_that_is_killed_under_a_scenario_is_named_in_the_failure() {
+    let folder = folder();
+    let path = folder.path().join("long.toml");
+    let frames = "\"00 01 00 64 00 00 02 00\", \"00 01 00 64 01 00 02 01\", ".repeat(4_000);
+    let text = format!(
+        "name = \"long\"\nend = \"100000 s\"\n[[step]]\ndoes = \"a long program\"\nsend = [{frames}]\n\
+         [[expect.never]]\nreply = \"CAN\"\n"
+    );
+    fs::write(&path, text).unwrap();
+    let arguments = ["test", "--processes", path.to_str().unwrap()];
+    let command = torno(&arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut depth = None;
+    wait_until("the depth board runs", || {
+        depth = board_of(command.id().into(), "depth");
+        depth.is_some()
+    });
+    let pid = depth.unwrap();
+    // In the middle of the program: its process has had turns.
+    wait_until("the depth board has worked", || {
+        let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+        stat.rsplit(' ').nth(38).is_some_and(|ticks| ticks != "0")
+    });
+    kill("-KILL", pid);
+    let output = command.wait_with_output().unwrap();
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    assert!(text.contains(&format!("board 'depth' (pid {pid}) died: signal: 9 (SIGKILL)")), "{text}");
+    assert!(text.contains("never CAN"), "{text}");
 }

@@ -8,7 +8,7 @@ use super::Tested;
 use super::{Scenario, record};
 use crate::recorder::Recorder;
 use crate::rig::{Driver, RigError};
-use crate::session::SessionError;
+use crate::session::{SessionError, in_process};
 
 /// Runs all, `jobs` at once; `done` hears how many are. The results are in the order of the scenarios, which come with
 /// their files' names.
@@ -62,8 +62,14 @@ fn run_one(
     recorder: Option<Recorder>,
 ) -> Result<Tested, SessionError> {
     let started = std::time::Instant::now();
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(RigError::from)?;
-    let outcome = runtime.block_on(record(scenario, driver, recorder))?;
+    let session = record(scenario, driver, recorder);
+    let outcome = match driver {
+        Driver::InProcess => in_process(session)?,
+        Driver::Processes { .. } => {
+            let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(RigError::from)?;
+            runtime.block_on(session)?
+        }
+    };
     let (path, name, seed, drawn) = (path.to_owned(), scenario.name.clone(), scenario.seed, scenario.drawn.clone());
     Ok(Tested { path, name, seed, drawn, outcome, wall: started.elapsed() })
 }
