@@ -58,7 +58,7 @@ fn cut(line: &str, at: f64) -> String {
     format!("[[fault]]\nline = \"{line}\"\nkind = \"cut\"\nat = \"{at} s\"\n")
 }
 
-fn befalls(board: &str, kind: &str, at: f64) -> String {
+fn board_fault(board: &str, kind: &str, at: f64) -> String {
     format!("[[fault]]\nboard = \"{board}\"\nkind = \"{kind}\"\nat = \"{at} s\"\n")
 }
 
@@ -86,8 +86,8 @@ fn a_slave_that_is_cut_off_from_its_master_in_motion_is_reported_within_three_se
 #[test]
 fn a_slave_that_starts_anew_in_motion_is_not_taken_for_done() {
     for (motion, slave) in [(FEED, Slave::Transverse), (INFEED, Slave::Depth)] {
-        fails(motion, &befalls(slave.name(), "reset", 10.0), 10.0, slave, Fault::Restarted);
-        let off = befalls(slave.name(), "power-off", 10.0);
+        fails(motion, &board_fault(slave.name(), "reset", 10.0), 10.0, slave, Fault::Restarted);
+        let off = board_fault(slave.name(), "power-off", 10.0);
         let played = fails(motion, &format!("{off}for = \"300 ms\"\n"), 10.0, slave, Fault::Restarted);
         // It counts from 0 again, the carriage does not.
         assert!(telemetry(&played, slave.name(), "position_counts") < 3_000);
@@ -99,7 +99,7 @@ fn a_slave_that_starts_anew_in_motion_is_not_taken_for_done() {
 #[test]
 fn a_motor_that_stalls_in_motion_is_reported_and_switched_off() {
     for (motion, at, slave) in [(FEED, 10.0, Slave::Transverse), (INFEED, 10.0, Slave::Depth)] {
-        let played = fails(motion, &befalls(slave.name(), "stall", at), at, slave, Fault::Stalled);
+        let played = fails(motion, &board_fault(slave.name(), "stall", at), at, slave, Fault::Stalled);
         assert_eq!(telemetry(&played, slave.name(), "drive"), 0);
         let position = telemetry(&played, slave.name(), "position_counts");
         assert!((1..8000).contains(&position), "{position}");
@@ -108,7 +108,7 @@ fn a_motor_that_stalls_in_motion_is_reported_and_switched_off() {
 
 #[test]
 fn a_spindle_that_stalls_while_it_starts_is_reported() {
-    let played = play(&[TURNING, FEED, FEED], &befalls("spindle", "stall", 0.1));
+    let played = play(&[TURNING, FEED, FEED], &board_fault("spindle", "stall", 0.1));
     assert_eq!(played.outcome, Outcome::Faulted);
     assert_eq!(played.conversation.failures, [(Slave::Spindle.into(), Fault::Stalled)]);
     let dump = Dump::of(&played);
@@ -121,7 +121,7 @@ fn a_spindle_that_stalls_while_it_starts_is_reported() {
 #[test]
 fn a_spindle_that_stalls_while_an_axis_moves_is_reported() {
     let at = 10.0;
-    let played = fails(FEED, &befalls("spindle", "stall", at), at, Slave::Spindle, Fault::Stalled);
+    let played = fails(FEED, &board_fault("spindle", "stall", at), at, Slave::Spindle, Fault::Stalled);
     assert_eq!(telemetry(&played, "transverse", "position_counts"), 9000);
 }
 

@@ -91,7 +91,7 @@ fn every_scenario_holds_and_twice_it_is_the_same() {
 }
 
 #[test]
-fn every_kind_of_fault_befalls_some_scenario() {
+fn every_kind_of_fault_occurs_in_a_scenario() {
     let mut found = BTreeSet::new();
     for path in paths() {
         kinds(&toml::from_str(&fs::read_to_string(path).unwrap()).unwrap(), &mut found);

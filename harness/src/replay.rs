@@ -9,7 +9,7 @@ use crate::play::Careful;
 use crate::rig::Driver;
 use crate::rig::file::{RigFile, RigFileError};
 use crate::session::{Session, SessionError};
-use torno_engine::{Disturbance, Input, Limit, LineId, NodeId, What};
+use torno_engine::{Disturbance, Input, InputKind, Limit, LineId, NodeId};
 use torno_trace::{Header, Trace};
 
 /// What came of a session that was repeated.
@@ -128,26 +128,26 @@ fn actions(inputs: &[Input]) -> Vec<(Instant, Action)> {
     for (place, Input { given, at, what }) in inputs.iter().enumerate() {
         let when = *given.min(at);
         match what {
-            What::Stimulus { board, stimulus } => {
+            InputKind::Stimulus { board, stimulus } => {
                 actions.push((when, place, Action::Stimulate(*board, *at, stimulus.clone())));
             }
-            What::Disturbed { line, fault, disturbance } => {
+            InputKind::Disturbed { line, fault, disturbance } => {
                 actions.push((when, place, Action::Disturb(*line, *at, *fault, disturbance.clone())));
             }
-            What::Healed { fault, .. } => actions.push((when, place, Action::Heal(*at, *fault))),
-            What::Stopped { board, told } => {
+            InputKind::Healed { fault, .. } => actions.push((when, place, Action::Heal(*at, *fault))),
+            InputKind::Stopped { board, told } => {
                 if stopped.iter().all(|(other, ..)| other != board) {
                     stopped.push((*board, place, *at, *told));
                 }
             }
-            What::Continued { board } => {
+            InputKind::Continued { board } => {
                 if let Some(n) = stopped.iter().position(|(other, ..)| other == board) {
                     let (board, since, from, _) = stopped.swap_remove(n);
                     actions.push((from, since, Action::Stimulate(board, from, Stimulus::Stop(true))));
                     actions.push((when, place, Action::Stimulate(board, *at, Stimulus::Stop(false))));
                 }
             }
-            What::Died { board, told } => {
+            InputKind::Died { board, told } => {
                 stopped.retain(|(other, ..)| other != board);
                 actions.push((*told, place, Action::End(*board)));
             }
@@ -178,7 +178,7 @@ mod tests {
     use torno_engine::Tampering;
     use torno_trace::diff::{Extent, first_difference};
 
-    fn input(at: u64, what: What) -> Input {
+    fn input(at: u64, what: InputKind) -> Input {
         Input { given: Instant::from_nanos(at + 2), at: Instant::from_nanos(at), what }
     }
 
@@ -188,15 +188,16 @@ mod tests {
 
     #[test]
     fn a_process_that_was_stopped_and_continued_hung() {
-        let inputs = [input(50, What::Stopped { board: 1, told: ns(20) }), input(70, What::Continued { board: 1 })];
+        let inputs =
+            [input(50, InputKind::Stopped { board: 1, told: ns(20) }), input(70, InputKind::Continued { board: 1 })];
         let stop = |stops, at| (ns(at), Action::Stimulate(1, ns(at), Stimulus::Stop(stops)));
         assert_eq!(actions(&inputs), [stop(true, 50), stop(false, 70)]);
     }
 
     #[test]
     fn nothing_comes_from_a_process_that_was_not_continued_or_died() {
-        let stopped = input(50, What::Stopped { board: 1, told: ns(20) });
-        let died = input(90, What::Died { board: 1, told: ns(20) });
+        let stopped = input(50, InputKind::Stopped { board: 1, told: ns(20) });
+        let died = input(90, InputKind::Died { board: 1, told: ns(20) });
         let end = [(ns(20), Action::End(1))];
         assert_eq!(actions(std::slice::from_ref(&stopped)), end);
         assert_eq!(actions(std::slice::from_ref(&died)), end);
@@ -206,9 +207,9 @@ mod tests {
     #[test]
     fn what_holds_later_is_given_when_it_was() {
         let disturbance = Disturbance::Cut;
-        let what = What::Disturbed { line: 3, fault: 7, disturbance: disturbance.clone() };
+        let what = InputKind::Disturbed { line: 3, fault: 7, disturbance: disturbance.clone() };
         let cut = Input { given: ns(0), at: ns(5_000), what };
-        let write = input(30, What::Stimulus { board: 4, stimulus: Stimulus::Discard });
+        let write = input(30, InputKind::Stimulus { board: 4, stimulus: Stimulus::Discard });
         let cut_then = (ns(0), Action::Disturb(3, ns(5_000), 7, disturbance));
         let expected = [cut_then, (ns(30), Action::Stimulate(4, ns(30), Stimulus::Discard))];
         assert_eq!(actions(&[cut, write]), expected);
@@ -217,8 +218,9 @@ mod tests {
     #[test]
     fn what_came_first_is_given_first() {
         let disturbance = Disturbance::Stuck(Level::Low);
-        let begins = Input { given: ns(90), at: ns(100), what: What::Disturbed { line: 3, fault: 7, disturbance } };
-        let ends = Input { given: ns(80), at: ns(200), what: What::Healed { line: 3, fault: 7 } };
+        let begins =
+            Input { given: ns(90), at: ns(100), what: InputKind::Disturbed { line: 3, fault: 7, disturbance } };
+        let ends = Input { given: ns(80), at: ns(200), what: InputKind::Healed { line: 3, fault: 7 } };
         let begun = Action::Disturb(3, ns(100), 7, Disturbance::Stuck(Level::Low));
         assert_eq!(actions(&[begins, ends]), [(ns(80), begun), (ns(80), Action::Heal(ns(200), 7))]);
     }

@@ -8,7 +8,7 @@ use torno_protocol::uart::{Character, Receiver};
 
 use crate::BAUD;
 
-use torno_engine::{Fact, Input, LineId, NodeId, What};
+use torno_engine::{Fact, Input, InputKind, LineId, NodeId};
 use torno_protocol::layout::{Layout, LineLayout};
 
 /// A character on a line.
@@ -77,7 +77,7 @@ impl Ears {
     /// Takes note of what came from outside and of what happened.
     pub fn note(&mut self, inputs: &[Input], facts: &[Fact]) {
         for Input { at, what, .. } in inputs {
-            let What::Stimulus { board, stimulus } = what else { continue };
+            let InputKind::Stimulus { board, stimulus } = what else { continue };
             match *stimulus {
                 Stimulus::Configure { baud, .. } if baud > 0 => {
                     let baud = baud.clamp(*BAUD.start(), *BAUD.end());
@@ -228,7 +228,7 @@ mod tests {
         let stimulus = Stimulus::Configure { baud: 4800, ixon: false };
         // In the middle of the first character, which stays what it is.
         let at = ms(1) + Span::from_micros(500);
-        let inputs = [Input { given: at, at, what: What::Stimulus { board: PC, stimulus } }];
+        let inputs = [Input { given: at, at, what: InputKind::Stimulus { board: PC, stimulus } }];
         let facts =
             [sent(TO_BOARD, 0x4b, 9600, ms(1)), sent(TO_BOARD, 0x4b, 4800, ms(3)), sent(TO_PC, 0x06, 4800, ms(10))];
         assert_eq!(heard(&inputs, &facts), [(0x4b, false), (0x4b, false), (0x06, false)]);

@@ -14,12 +14,12 @@ pub struct Input {
     /// From when on it holds.
     pub at: Instant,
     /// What it was.
-    pub what: What,
+    pub what: InputKind,
 }
 
 /// What can come into a rig from outside. In traces these are numbered in this order: new ones go to the end.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum What {
+pub enum InputKind {
     /// A board, or the PC's UART, got a stimulus.
     Stimulus {
         /// The board.

@@ -37,7 +37,7 @@ use node::Node;
 use places::Places;
 use wire::{Passed, Wire};
 
-pub use input::{Input, What};
+pub use input::{Input, InputKind};
 pub use node::Life;
 pub use wire::{Disturbance, Tampering};
 

@@ -218,11 +218,11 @@ impl Wire {
     /// The sender goes idle at `at`: edges from then on are not driven after all.
     pub(super) fn withdraw(&mut self, at: Instant) -> Option<Passed> {
         self.driven.cut(at);
-        if self.is_disturbed() { None } else { self.untell(at) }
+        if self.is_disturbed() { None } else { self.take_back(at) }
     }
 
     /// The receiver must forget what it has been told of the time from `at` on.
-    fn untell(&mut self, at: Instant) -> Option<Passed> {
+    fn take_back(&mut self, at: Instant) -> Option<Passed> {
         self.unsure.retain(|edge| edge.at < at);
         (self.told.at >= at).then(|| {
             self.told = Edge { at, level: Level::High };
@@ -277,7 +277,7 @@ impl Wire {
             Some(_) => None,
             None => {
                 self.passed = Some(self.told.at.max(self.sound_from).min(now));
-                self.untell(now)
+                self.take_back(now)
             }
         }
     }

@@ -9,7 +9,7 @@ use torno_protocol::clock::Clock;
 use torno_protocol::line::Level;
 use torno_protocol::time::{Instant, Span};
 
-use super::{Ailment, BROWN_OUT, Fault, NEVER_A_PULSE, Planned, Trigger, What};
+use super::{BROWN_OUT, BoardFault, Fault, NEVER_A_PULSE, Planned, Site, Trigger};
 use crate::condition::RawCondition;
 use crate::text_file::TextError;
 use torno_bus::Names;
@@ -146,7 +146,7 @@ pub fn parse(path: &str, text: &str, names: &Names, seed: Option<u64>) -> Result
     let mut all: Vec<Planned> = Vec::new();
     for raw in &raw.fault {
         let planned = raw.plan(names, &mut dice).map_err(invalid)?;
-        raw.bear_its_own_name(&planned.fault, all.iter().map(|planned| &planned.fault)).map_err(invalid)?;
+        raw.check_name(&planned.fault, all.iter().map(|planned| &planned.fault)).map_err(invalid)?;
         all.push(planned);
     }
     Ok(FaultFile { seed, drawn: dice.into_drawn(), faults: all })
@@ -231,11 +231,11 @@ impl RawFault {
             return Err((place, format!("'{kind}' has no {field}")));
         }
         let what = match (&self.line, &self.board) {
-            (Some(line), None) => What::Line(names.line(line)?, self.disturbance(names, dice.seed(&self.name()))?),
+            (Some(line), None) => Site::Line(names.line(line)?, self.disturbance(names, dice.seed(&self.name()))?),
             (None, Some(board)) => {
-                let ((node, motor), ailment) = (names.board_or_motor(board)?, self.ailment()?);
-                self.mean_something(names, board.get_ref(), (node, motor), ailment)?;
-                What::Board(node, motor, ailment)
+                let ((node, motor), fault) = (names.board_or_motor(board)?, self.fault()?);
+                self.mean_something(names, board.get_ref(), (node, motor), fault)?;
+                Site::Board(node, motor, fault)
             }
             _ => return Err((self.kind.span(), format!("'{kind}': expected the place, either line or board"))),
         };
@@ -259,7 +259,7 @@ impl RawFault {
     ///
     /// # Errors
     /// Where, and what was expected.
-    pub(crate) fn bear_its_own_name<'a>(
+    pub(crate) fn check_name<'a>(
         &self,
         fault: &Fault,
         known: impl IntoIterator<Item = &'a Fault>,
@@ -277,9 +277,9 @@ impl RawFault {
         names: &Names,
         place: &str,
         (node, motor): (NodeId, Option<u8>),
-        ailment: Ailment,
+        fault: BoardFault,
     ) -> Result<(), Complaint> {
-        let capable: Vec<String> = match ailment.needs() {
+        let capable: Vec<String> = match fault.needs() {
             None if motor.is_none() => return Ok(()),
             None => vec![names.boards[node].clone()],
             Some(needed) => names.capable(needed),
@@ -361,34 +361,36 @@ impl RawFault {
         }
     }
 
-    fn ailment(&self) -> Result<Ailment, Complaint> {
+    fn fault(&self) -> Result<BoardFault, Complaint> {
         Ok(match self.kind.get_ref().as_str() {
-            "crash" => Ailment::Crash,
-            "hang" => Ailment::Hang,
-            "reset" => Ailment::Reset,
-            "power-off" | "brown-out" => Ailment::PowerOff,
-            "slow" => Ailment::Slow(self.time("how long the firmware takes over everything")?),
+            "crash" => BoardFault::Crash,
+            "hang" => BoardFault::Hang,
+            "reset" => BoardFault::Reset,
+            "power-off" | "brown-out" => BoardFault::PowerOff,
+            "slow" => BoardFault::Slow(self.time("how long the firmware takes over everything")?),
             "clock" => {
                 let ppb = self.ratio(-200_000_000, 200_000_000, "the oscillator's error, -20 % to 20 %")?;
-                Ailment::Clock(Clock::from_ppb(ppb as i32).unwrap_or(Clock::TRUE))
+                BoardFault::Clock(Clock::from_ppb(ppb as i32).unwrap_or(Clock::TRUE))
             }
-            "drift" => Ailment::Drift(self.ratio(-10_000_000, 10_000_000, "the drift a second, -1 % to 1 %")? as i32),
-            "counts" => Ailment::Counts(self.integer(-1_000_000, 1_000_000, "so many counts")? as i32),
-            "stall" => Ailment::Stall,
+            "drift" => {
+                BoardFault::Drift(self.ratio(-10_000_000, 10_000_000, "the drift a second, -1 % to 1 %")? as i32)
+            }
+            "counts" => BoardFault::Counts(self.integer(-1_000_000, 1_000_000, "so many counts")? as i32),
+            "stall" => BoardFault::Stall,
             "load" => {
                 let load = self.ratio(0, 2_000_000_000, "the share of the torque at standstill, 0 % to 200 %")?;
-                Ailment::Load((load / 1_000_000) as i32)
+                BoardFault::Load((load / 1_000_000) as i32)
             }
             "supply" => {
                 let supply = self.ratio(0, 2_000_000_000, "the share of the nominal supply, 0 % to 200 %")?;
-                Ailment::Supply((supply / 1_000_000) as u16)
+                BoardFault::Supply((supply / 1_000_000) as u16)
             }
-            "backlash" => Ailment::Backlash(self.integer(0, i64::from(u16::MAX), "so many counts")? as u16),
+            "backlash" => BoardFault::Backlash(self.integer(0, i64::from(u16::MAX), "so many counts")? as u16),
             "end-stop" => {
                 let what = "counts from mid-travel, on the side that the sign says";
                 match self.integer(-10_000_000, 10_000_000, what)? {
                     0 => return Err((self.value(what)?.span(), format!("0 is on neither side: expected {what}"))),
-                    counts => Ailment::EndStop(counts as i32),
+                    counts => BoardFault::EndStop(counts as i32),
                 }
             }
             _ => return Err(self.unknown("board", &BOARD_KINDS)),

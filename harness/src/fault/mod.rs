@@ -30,23 +30,23 @@ pub struct Fault {
     /// What it is called, to be healed by.
     pub name: String,
     /// What breaks.
-    pub what: What,
+    pub what: Site,
     /// How long it lasts; until it is healed, if nothing is said.
     pub lasts: Option<Span>,
 }
 
 /// What breaks.
 #[derive(Clone, Debug, PartialEq)]
-pub enum What {
+pub enum Site {
     /// A line.
     Line(LineId, Disturbance),
     /// A board: its firmware, its supply, its oscillator, its motor. If it has several: which.
-    Board(NodeId, Option<u8>, Ailment),
+    Board(NodeId, Option<u8>, BoardFault),
 }
 
 /// What can happen to a board.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Ailment {
+pub enum BoardFault {
     /// The firmware runs no more; only a loss of supply brings it back, and that is what healing is.
     Crash,
     /// The firmware stands still, and runs on when it is healed.
@@ -114,17 +114,17 @@ impl Drift {
     }
 }
 
-impl What {
+impl Site {
     /// Whether it happens in an instant: then there is nothing to heal.
     pub const fn is_over_at_once(&self) -> bool {
-        matches!(self, Self::Board(_, _, Ailment::Reset | Ailment::Counts(_)))
+        matches!(self, Self::Board(_, _, BoardFault::Reset | BoardFault::Counts(_)))
     }
 }
 
 impl Fault {
     /// Whether it waits for something to come along that it can spoil.
     pub fn lies_in_wait(&self) -> bool {
-        matches!(self.what, What::Line(_, Disturbance::Character { .. }))
+        matches!(self.what, Site::Line(_, Disturbance::Character { .. }))
     }
 
     /// Whether it happens in an instant: then there is nothing to heal.
@@ -134,7 +134,7 @@ impl Fault {
 
     /// Whether it is not the same with every seed.
     pub const fn is_random(&self) -> bool {
-        matches!(self.what, What::Line(_, Disturbance::Noise { .. }))
+        matches!(self.what, Site::Line(_, Disturbance::Noise { .. }))
     }
 
     fn until(&self, since: Instant) -> Instant {
@@ -144,10 +144,10 @@ impl Fault {
     /// Begins at `at`, or as soon after it as nothing settled is touched.
     fn begin(&self, rig: &mut Rig, at: Instant) -> Broken {
         match &self.what {
-            What::Line(_, Disturbance::Noise { period, .. }) if *period == NEVER_A_PULSE => {
+            Site::Line(_, Disturbance::Noise { period, .. }) if *period == NEVER_A_PULSE => {
                 Broken { since: at, line: None, until: self.until(at), cure: Vec::new(), drift: None }
             }
-            What::Line(line, disturbance) => {
+            Site::Line(line, disturbance) => {
                 let (fault, since) = rig.disturb(*line, at, disturbance);
                 let until = self.until(since);
                 if !until.is_never() {
@@ -155,16 +155,16 @@ impl Fault {
                 }
                 Broken { since, line: Some(fault), until, cure: Vec::new(), drift: None }
             }
-            What::Board(node, motor, ailment) => {
+            Site::Board(node, motor, fault) => {
                 let usual = rig.nodes()[*node].clock;
                 // A board that is named without a motor has one at the most.
-                let (begin, cure) = ailment.stimuli(usual, motor.unwrap_or(0));
+                let (begin, cure) = fault.stimuli(usual, motor.unwrap_or(0));
                 let since = begin.map_or(at, |stimulus| rig.stimulate(*node, at, stimulus));
                 let until = self.until(since);
-                let drift = match ailment {
+                let drift = match fault {
                     // One that goes nowhere would have no end of steps.
-                    Ailment::Drift(0) => None,
-                    Ailment::Drift(per_second) => {
+                    BoardFault::Drift(0) => None,
+                    BoardFault::Drift(per_second) => {
                         Some(Drift { node: *node, usual, per_second: *per_second, taken: 0, next: since, until })
                     }
                     _ => None,
@@ -210,7 +210,7 @@ impl Broken {
     }
 }
 
-impl Ailment {
+impl BoardFault {
     /// What a board or its motor must be capable of for this to mean anything to it.
     const fn needs(self) -> Option<Capability> {
         match self {

@@ -1,7 +1,7 @@
 //! A gateway of a rig that is up: a serial port on one side, the UART of the rig on the other.
 
 use torno_bus::STOPPED;
-use torno_engine::{Fact, Input, NodeId, What};
+use torno_engine::{Fact, Input, InputKind, NodeId};
 use torno_protocol::board::Stimulus;
 use torno_protocol::layout::GATEWAY;
 use torno_protocol::time::{Instant, Span};
@@ -89,7 +89,7 @@ impl Gateway {
         session: &mut Session,
     ) -> Result<(), SessionError> {
         for Input { at, what, .. } in &happened.inputs {
-            if matches!(what, What::Stimulus { board, stimulus: Stimulus::Power(_) } if *board == self.node) {
+            if matches!(what, InputKind::Stimulus { board, stimulus: Stimulus::Power(_) } if *board == self.node) {
                 self.supply.push(*at);
             }
         }

@@ -10,7 +10,7 @@ use crate::fault::{Planned, RawFault};
 use crate::pace::Pace;
 use crate::session::{EndedBoard, SessionError};
 use torno_bus::Names;
-use torno_engine::{Fact, Input, What};
+use torno_engine::{Fact, Input, InputKind};
 use torno_text::{Complaint, Dice, nearest, of_toml, parse_span};
 use torno_trace::Header;
 use torno_trace::analyser::Analyser;
@@ -48,9 +48,10 @@ impl Steering {
     /// Takes note of what came from outside and of what happened.
     pub(super) fn note(&mut self, inputs: &[Input], facts: &[Fact]) {
         for input in inputs {
-            if let What::Stimulus { board, stimulus: Stimulus::Configure { .. } | Stimulus::Clock(_) } = input.what {
+            if let InputKind::Stimulus { board, stimulus: Stimulus::Configure { .. } | Stimulus::Clock(_) } = input.what
+            {
                 // A UART takes no `Clock` from outside, so there is one input a board at the most.
-                let of_board = |other: &Input| matches!(other.what, What::Stimulus { board: b, .. } if b == board);
+                let of_board = |other: &Input| matches!(other.what, InputKind::Stimulus { board: b, .. } if b == board);
                 self.tuned.retain(|other| !of_board(other));
                 self.tuned.push(input.clone());
             }

@@ -7,7 +7,7 @@ use torno_protocol::lathe::Program;
 use super::PartSummary;
 use super::drawing::Drawing;
 use crate::rig::file::RigFile;
-use torno_engine::What;
+use torno_engine::InputKind;
 use torno_machines::workpiece::Part;
 use torno_machines::workpiece::{ToolPath, Turned};
 use torno_trace::Trace;
@@ -35,7 +35,7 @@ impl Cut {
         let part = RigFile::parse(&trace.header.rig, &trace.header.text).ok()?.part?;
         let pc = trace.header.layout.gateways().next()?;
         let written = trace.inputs.iter().filter_map(|input| match &input.what {
-            What::Stimulus { board, stimulus: Stimulus::Write(bytes) } if *board == pc => Some(bytes),
+            InputKind::Stimulus { board, stimulus: Stimulus::Write(bytes) } if *board == pc => Some(bytes),
             _ => None,
         });
         let bytes: Vec<u8> = written.flatten().copied().collect();

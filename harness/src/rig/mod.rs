@@ -32,7 +32,7 @@ use process::BoardProcess;
 pub use process::ProcessChange;
 use torno_bus::{PcProgram, PcUart};
 use torno_engine::{
-    Disturbance, End, Engine, Fact, FaultId, Hit, Input, LateOutput, Limit, LineId, NodeId, Watch, WatchId, What,
+    Disturbance, End, Engine, Fact, FaultId, Hit, Input, InputKind, LateOutput, Limit, LineId, NodeId, Watch, WatchId,
 };
 use torno_machines::kinds::{self, Steps};
 
@@ -370,7 +370,7 @@ impl Rig {
     pub fn stimulate(&mut self, node: NodeId, at: Instant, stimulus: Stimulus) -> Instant {
         let given = self.engine.frontier();
         let at = self.engine.stimulate(node, at, stimulus.clone());
-        self.inputs.push(Input { given, at, what: What::Stimulus { board: node, stimulus } });
+        self.inputs.push(Input { given, at, what: InputKind::Stimulus { board: node, stimulus } });
         at
     }
 
@@ -378,7 +378,7 @@ impl Rig {
     pub fn disturb(&mut self, line: LineId, at: Instant, what: &Disturbance) -> (FaultId, Instant) {
         let given = self.engine.frontier();
         let (fault, at) = self.engine.disturb(line, at, what);
-        let what = What::Disturbed { line, fault: fault.number(), disturbance: what.clone() };
+        let what = InputKind::Disturbed { line, fault: fault.number(), disturbance: what.clone() };
         self.inputs.push(Input { given, at, what });
         self.faults.insert(fault, line);
         (fault, at)
@@ -389,7 +389,7 @@ impl Rig {
         let given = self.engine.frontier();
         let at = self.engine.heal(fault, at);
         if let Some(line) = self.faults.get(&fault) {
-            self.inputs.push(Input { given, at, what: What::Healed { line: *line, fault: fault.number() } });
+            self.inputs.push(Input { given, at, what: InputKind::Healed { line: *line, fault: fault.number() } });
         }
         at
     }
@@ -592,9 +592,9 @@ impl Rig {
         };
         let told = self.engine.told(id);
         let input = match what {
-            ProcessChange::Stopped => What::Stopped { board: id, told },
-            ProcessChange::Continued => What::Continued { board: id },
-            ProcessChange::Died(_) => What::Died { board: id, told },
+            ProcessChange::Stopped => InputKind::Stopped { board: id, told },
+            ProcessChange::Continued => InputKind::Continued { board: id },
+            ProcessChange::Died(_) => InputKind::Died { board: id, told },
         };
         self.inputs.push(Input { given, at, what: input });
         let Node { name, pid, .. } = &self.nodes[id];

@@ -128,7 +128,7 @@ impl Scenario {
         let mut faults = Vec::new();
         for raw in &raw.fault {
             let planned = raw.plan(&names, &mut dice)?;
-            raw.bear_its_own_name(&planned.fault, &known)?;
+            raw.check_name(&planned.fault, &known)?;
             known.push(planned.fault.clone());
             faults.push(planned);
         }
@@ -142,7 +142,7 @@ impl Scenario {
             match &action {
                 Action::Break(fault) => {
                     let standing = known.iter().filter(|other| !healed.contains(&other.name));
-                    raw_break.iter().try_for_each(|raw| raw.bear_its_own_name(fault, standing.clone()))?;
+                    raw_break.iter().try_for_each(|raw| raw.check_name(fault, standing.clone()))?;
                     healed.retain(|name| *name != fault.name);
                     known.push(fault.clone());
                 }

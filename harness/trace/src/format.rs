@@ -5,7 +5,7 @@ use torno_protocol::layout::Layout;
 use torno_protocol::line::{Edge, Level};
 use torno_protocol::time::Instant;
 
-use torno_engine::{Disturbance, Fact, Input, What};
+use torno_engine::{Disturbance, Fact, Input, InputKind};
 
 /// The version of the format.
 pub const VERSION: u16 = 4;
@@ -147,10 +147,10 @@ pub(super) struct Entries<'a> {
 }
 
 /// Reads what came from outside, as a version of the format has it; gives the bytes that follow it.
-pub(super) type ReadWhat = fn(&[u8]) -> Option<(What, &[u8])>;
+pub(super) type ReadWhat = fn(&[u8]) -> Option<(InputKind, &[u8])>;
 
 /// As this version has it.
-pub(super) fn what(bytes: &[u8]) -> Option<(What, &[u8])> {
+pub(super) fn what(bytes: &[u8]) -> Option<(InputKind, &[u8])> {
     postcard::take_from_bytes(bytes).ok()
 }
 
@@ -240,13 +240,13 @@ fn refers_to(entry: &Entry, header: &Header) -> bool {
         Entry::Fact(Fact::Telemetry { node, .. } | Fact::Event { node, .. }) => (None, Some(*node)),
         Entry::Input(Input { what, .. }) => match what {
             // A line can touch another, but not itself.
-            What::Disturbed { line, disturbance: Disturbance::Short(other), .. } if line == other => return false,
-            What::Disturbed { line, disturbance: Disturbance::Short(other), .. } => (Some(*line.max(other)), None),
-            What::Disturbed { line, .. } | What::Healed { line, .. } => (Some(*line), None),
-            What::Stimulus { board, .. }
-            | What::Stopped { board, .. }
-            | What::Continued { board }
-            | What::Died { board, .. } => (None, Some(*board)),
+            InputKind::Disturbed { line, disturbance: Disturbance::Short(other), .. } if line == other => return false,
+            InputKind::Disturbed { line, disturbance: Disturbance::Short(other), .. } => (Some(*line.max(other)), None),
+            InputKind::Disturbed { line, .. } | InputKind::Healed { line, .. } => (Some(*line), None),
+            InputKind::Stimulus { board, .. }
+            | InputKind::Stopped { board, .. }
+            | InputKind::Continued { board }
+            | InputKind::Died { board, .. } => (None, Some(*board)),
         },
     };
     line.is_none_or(|line| line < header.layout.lines.len())

@@ -189,7 +189,7 @@ mod tests {
     use crate::diff::{Extent, first_difference};
     use crate::rows::{Filter, Wanted};
     use crate::{End, Writer};
-    use torno_engine::{Disturbance, Fact, Input, Tampering, What};
+    use torno_engine::{Disturbance, Fact, Input, InputKind, Tampering};
     use torno_protocol::board::{Description, Signal};
     use torno_protocol::clock::Clock;
     use torno_protocol::layout::{BoardLayout, GATEWAY, LineLayout};
@@ -296,15 +296,15 @@ mod tests {
             (any::<u32>(), any::<bool>()).prop_map(|(baud, ixon)| Stimulus::Configure { baud, ixon }),
         ];
         let what = prop_oneof![
-            (0..5usize, stimulus).prop_map(|(board, stimulus)| What::Stimulus { board, stimulus }),
+            (0..5usize, stimulus).prop_map(|(board, stimulus)| InputKind::Stimulus { board, stimulus }),
             (0..8usize, any::<u32>(), disturbances())
                 .prop_map(|(line, fault, disturbance)| (line, fault, disturbance))
                 .prop_filter("a line does not touch itself", |(line, _, what)| *what != Disturbance::Short(*line))
-                .prop_map(|(line, fault, disturbance)| What::Disturbed { line, fault, disturbance }),
-            (0..8usize, any::<u32>()).prop_map(|(line, fault)| What::Healed { line, fault }),
-            (0..5usize, at()).prop_map(|(board, told)| What::Stopped { board, told }),
-            (0..5usize).prop_map(|board| What::Continued { board }),
-            (0..5usize, at()).prop_map(|(board, told)| What::Died { board, told }),
+                .prop_map(|(line, fault, disturbance)| InputKind::Disturbed { line, fault, disturbance }),
+            (0..8usize, any::<u32>()).prop_map(|(line, fault)| InputKind::Healed { line, fault }),
+            (0..5usize, at()).prop_map(|(board, told)| InputKind::Stopped { board, told }),
+            (0..5usize).prop_map(|board| InputKind::Continued { board }),
+            (0..5usize, at()).prop_map(|(board, told)| InputKind::Died { board, told }),
         ];
         (at(), at(), what).prop_map(|(given, at, what)| Input { given, at, what })
     }
@@ -347,7 +347,7 @@ mod tests {
         let input = Input {
             given: Instant::START,
             at: Instant::from_nanos(5),
-            what: What::Stimulus { board: 4, stimulus: Stimulus::Write(vec![1, 2]) },
+            what: InputKind::Stimulus { board: 4, stimulus: Stimulus::Write(vec![1, 2]) },
         };
         Trace {
             facts: (0..6).map(fact).collect(),
@@ -457,7 +457,7 @@ mod tests {
             b.header.layout.lines.pop();
             b.facts.retain(|fact| !matches!(fact, Fact::Edges { line: 7, .. }));
             let on_line_7 =
-                |what: &What| matches!(what, What::Disturbed { line: 7, .. } | What::Healed { line: 7, .. });
+                |what: &InputKind| matches!(what, InputKind::Disturbed { line: 7, .. } | InputKind::Healed { line: 7, .. });
             b.inputs.retain(|input| !on_line_7(&input.what));
             for trace in [&a, &b] {
                 let kinds = ["edges", "characters", "frames", "telemetry", "events", "inputs"].map(str::to_owned);

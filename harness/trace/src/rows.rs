@@ -11,7 +11,7 @@ use torno_protocol::uart::Character;
 
 use super::Header;
 use torno_bus::{Heard, Message, hex};
-use torno_engine::{Disturbance, Fact, Input, LineId, NodeId, Tampering, What};
+use torno_engine::{Disturbance, Fact, Input, InputKind, LineId, NodeId, Tampering};
 
 /// Bytes of one write that are shown.
 const SHOWN: usize = 16;
@@ -212,16 +212,16 @@ impl Row {
     /// A row for what came from outside.
     pub(super) fn of_input(header: &Header, input: &Input) -> Self {
         let (place, text) = match &input.what {
-            What::Stimulus { board, stimulus } => {
+            InputKind::Stimulus { board, stimulus } => {
                 (Place::Board(*board), stimulus_text(&header.layout.boards[*board].description, stimulus))
             }
-            What::Disturbed { line, fault, disturbance } => {
+            InputKind::Disturbed { line, fault, disturbance } => {
                 (Place::Line(*line), format!("fault {fault}: {}", disturbance_text(header, disturbance)))
             }
-            What::Healed { line, fault } => (Place::Line(*line), format!("fault {fault} ends")),
-            What::Stopped { board, .. } => (Place::Board(*board), "process stopped: hangs".to_owned()),
-            What::Continued { board } => (Place::Board(*board), "process continued".to_owned()),
-            What::Died { board, .. } => (Place::Board(*board), "process died".to_owned()),
+            InputKind::Healed { line, fault } => (Place::Line(*line), format!("fault {fault} ends")),
+            InputKind::Stopped { board, .. } => (Place::Board(*board), "process stopped: hangs".to_owned()),
+            InputKind::Continued { board } => (Place::Board(*board), "process continued".to_owned()),
+            InputKind::Died { board, .. } => (Place::Board(*board), "process died".to_owned()),
         };
         Self { at: input.at, place, content: Content::Input { text } }
     }

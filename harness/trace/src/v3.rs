@@ -2,7 +2,7 @@
 //! quantities and motors; its stimuli of a motor are of two forms.
 
 use serde::Deserialize;
-use torno_engine::{Disturbance, What};
+use torno_engine::{Disturbance, InputKind};
 use torno_protocol::board::{self, Capability, MotorStimulus, Role, Wait};
 use torno_protocol::clock::Clock;
 use torno_protocol::layout::{BoardLayout, Layout, LineLayout};
@@ -74,7 +74,7 @@ struct Motor {
 }
 
 #[derive(Deserialize)]
-enum WhatV3 {
+enum InputKindV3 {
     Stimulus { board: usize, stimulus: Stimulus },
     Disturbed { line: usize, fault: u32, disturbance: Disturbance },
     Healed { line: usize, fault: u32 },
@@ -124,8 +124,8 @@ pub(crate) fn header(bytes: &[u8], layout: impl Fn(&str, &str) -> Option<Layout>
 }
 
 /// Reads what came from outside; gives the bytes that follow it.
-pub(crate) fn what(bytes: &[u8]) -> Option<(What, &[u8])> {
-    let (what, rest) = postcard::take_from_bytes::<WhatV3>(bytes).ok()?;
+pub(crate) fn what(bytes: &[u8]) -> Option<(InputKind, &[u8])> {
+    let (what, rest) = postcard::take_from_bytes::<InputKindV3>(bytes).ok()?;
     Some((what.into(), rest))
 }
 
@@ -181,15 +181,15 @@ fn capabilities(heeds: &[Heeds]) -> Vec<Capability> {
     heeds.iter().map(capability).collect()
 }
 
-impl From<WhatV3> for What {
-    fn from(what: WhatV3) -> Self {
+impl From<InputKindV3> for InputKind {
+    fn from(what: InputKindV3) -> Self {
         match what {
-            WhatV3::Stimulus { board, stimulus } => Self::Stimulus { board, stimulus: stimulus.into() },
-            WhatV3::Disturbed { line, fault, disturbance } => Self::Disturbed { line, fault, disturbance },
-            WhatV3::Healed { line, fault } => Self::Healed { line, fault },
-            WhatV3::Stopped { board, told } => Self::Stopped { board, told },
-            WhatV3::Continued { board } => Self::Continued { board },
-            WhatV3::Died { board, told } => Self::Died { board, told },
+            InputKindV3::Stimulus { board, stimulus } => Self::Stimulus { board, stimulus: stimulus.into() },
+            InputKindV3::Disturbed { line, fault, disturbance } => Self::Disturbed { line, fault, disturbance },
+            InputKindV3::Healed { line, fault } => Self::Healed { line, fault },
+            InputKindV3::Stopped { board, told } => Self::Stopped { board, told },
+            InputKindV3::Continued { board } => Self::Continued { board },
+            InputKindV3::Died { board, told } => Self::Died { board, told },
         }
     }
 }
@@ -254,16 +254,16 @@ mod tests {
             (&[16, 1, 5, 2], MotorStimulus::EndStop(1).of(1)),
             (&[16, 2, 6, 1], MotorStimulus::Drive(-1).of(2)),
         ] {
-            assert_eq!(of_board_2(bytes), Some((What::Stimulus { board: 2, stimulus }, vec![7])), "{bytes:?}");
+            assert_eq!(of_board_2(bytes), Some((InputKind::Stimulus { board: 2, stimulus }, vec![7])), "{bytes:?}");
         }
         assert_eq!(of_board_2(&[17]), None);
         let told = Instant::from_nanos(3);
         for (bytes, expected) in [
-            (&[1, 4, 9, 0][..], What::Disturbed { line: 4, fault: 9, disturbance: Disturbance::Cut }),
-            (&[2, 4, 9], What::Healed { line: 4, fault: 9 }),
-            (&[3, 1, 3], What::Stopped { board: 1, told }),
-            (&[4, 1], What::Continued { board: 1 }),
-            (&[5, 1, 3], What::Died { board: 1, told }),
+            (&[1, 4, 9, 0][..], InputKind::Disturbed { line: 4, fault: 9, disturbance: Disturbance::Cut }),
+            (&[2, 4, 9], InputKind::Healed { line: 4, fault: 9 }),
+            (&[3, 1, 3], InputKind::Stopped { board: 1, told }),
+            (&[4, 1], InputKind::Continued { board: 1 }),
+            (&[5, 1, 3], InputKind::Died { board: 1, told }),
         ] {
             assert_eq!(what(bytes), Some((expected, &[][..])));
         }
