@@ -7,17 +7,13 @@ use std::os::unix::net::UnixStream;
 use std::task::{Context, Poll, ready};
 
 use bytes::BytesMut;
-use rustix::event::{PollFd, PollFlags, Timespec};
 use rustix::io::Errno;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use tokio::io::unix::AsyncFd;
 use torno_protocol::record;
 
-use crate::readable::readable;
-
-/// How long the other end may leave the socket full.
-const FULL: Timespec = Timespec { tv_sec: 10, tv_nsec: 0 };
+use crate::ready::{readable, writable};
 
 /// Bytes over a socket.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -44,20 +40,32 @@ impl Sub for Bytes {
     }
 }
 
-/// One end of the way.
+/// One end of the way. It never blocks: what the socket does not take at once is queued, and is sent while the end
+/// waits for the other's answer. As an end that has sent a turn, or the answer to one, waits for the other, no more than
+/// that is queued.
 #[derive(Debug)]
 pub(crate) struct Channel {
     socket: AsyncFd<OwnedFd>,
     incoming: BytesMut,
     outgoing: BytesMut,
+    /// So much of `outgoing` has been sent.
+    sent: usize,
+    /// Tells when the socket takes more; only while something is queued.
+    writable: Option<AsyncFd<OwnedFd>>,
     bytes: Bytes,
 }
 
 impl Channel {
     pub(crate) fn new(socket: UnixStream) -> io::Result<Self> {
         socket.set_nonblocking(true)?;
-        let (incoming, outgoing) = (BytesMut::new(), BytesMut::new());
-        Ok(Self { socket: readable(socket)?, incoming, outgoing, bytes: Bytes::default() })
+        Ok(Self {
+            socket: readable(socket)?,
+            incoming: BytesMut::new(),
+            outgoing: BytesMut::new(),
+            sent: 0,
+            writable: None,
+            bytes: Bytes::default(),
+        })
     }
 
     /// What has gone each way so far: sent to the other end, received from it.
@@ -65,32 +73,74 @@ impl Channel {
         self.bytes
     }
 
+    /// Sends a record, or queues what the socket does not take.
     pub(crate) fn send(&mut self, record: &impl Serialize) -> io::Result<()> {
-        self.outgoing.clear();
-        record::encode(record, &mut self.outgoing).map_err(io::Error::other)?;
-        self.bytes.to += self.outgoing.len() as u64;
-        let mut rest = &self.outgoing[..];
-        while !rest.is_empty() {
-            match rustix::io::write(self.socket.get_ref(), rest) {
-                Ok(n) => rest = &rest[n..],
-                Err(Errno::AGAIN) => {
-                    let mut writable = [PollFd::new(self.socket.get_ref(), PollFlags::OUT)];
-                    if rustix::event::poll(&mut writable, Some(&FULL))? == 0 {
-                        return Err(io::ErrorKind::TimedOut.into());
-                    }
+        let queued = self.is_queued();
+        if let Err(error) = record::encode(record, &mut self.outgoing) {
+            self.forget();
+            return Err(io::Error::other(error));
+        }
+        if queued { Ok(()) } else { self.write() }
+    }
+
+    fn is_queued(&self) -> bool {
+        !self.outgoing.is_empty()
+    }
+
+    /// Sends what is queued, as far as the socket takes it.
+    fn write(&mut self) -> io::Result<()> {
+        while self.sent < self.outgoing.len() {
+            match rustix::io::write(self.socket.get_ref(), &self.outgoing[self.sent..]) {
+                Ok(n) => {
+                    self.sent += n;
+                    self.bytes.to += n as u64;
                 }
+                Err(Errno::AGAIN) => return Ok(()),
                 Err(Errno::INTR) => {}
-                Err(error) => return Err(error.into()),
+                Err(error) => {
+                    self.forget();
+                    return Err(error.into());
+                }
             }
         }
+        self.forget();
         Ok(())
     }
 
-    /// The next record; `None` at the end of the stream.
+    /// Empties the queue.
+    fn forget(&mut self) {
+        self.outgoing.clear();
+        self.sent = 0;
+        self.writable = None;
+    }
+
+    /// Sends what is queued; ready when nothing is.
+    fn poll_send(&mut self, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        while self.is_queued() {
+            // With write interest, every read at the other end would wake this one: hence only for so long.
+            let socket = match self.writable.take() {
+                Some(socket) => socket,
+                None => writable(self.socket.get_ref().try_clone()?)?,
+            };
+            let socket = self.writable.insert(socket);
+            // Cleared before the attempt, so that room which comes after it is not missed.
+            ready!(socket.poll_write_ready(context))?.clear_ready();
+            self.write()?;
+        }
+        Poll::Ready(Ok(()))
+    }
+
+    /// The next record; `None` at the end of the stream. Meanwhile it sends what is queued.
     pub(crate) fn poll_receive<R: DeserializeOwned>(
         &mut self,
         context: &mut Context<'_>,
     ) -> Poll<io::Result<Option<R>>> {
+        match self.poll_send(context) {
+            // The other end is gone. What it has said before, and the end, are still to be read.
+            Poll::Ready(Err(error)) if is_gone(&error) => {}
+            Poll::Ready(Err(error)) => return Poll::Ready(Err(error)),
+            Poll::Ready(Ok(())) | Poll::Pending => {}
+        }
         loop {
             if let Some(record) = record::decode(&mut self.incoming).map_err(io::Error::other)? {
                 return Poll::Ready(Ok(Some(record)));
@@ -108,10 +158,77 @@ impl Channel {
                     }
                 }
                 Ok(Err(error)) if error.kind() == io::ErrorKind::Interrupted => {}
-                Ok(Err(error)) if error.kind() == io::ErrorKind::ConnectionReset => return Poll::Ready(Ok(None)),
+                Ok(Err(error)) if is_gone(&error) => return Poll::Ready(Ok(None)),
                 Ok(Err(error)) => return Poll::Ready(Err(error)),
                 Err(_would_block) => {}
             }
         }
+    }
+}
+
+/// Whether a socket does not take anything as nobody is at its other end.
+pub(crate) fn is_gone(error: &io::Error) -> bool {
+    matches!(error.kind(), io::ErrorKind::BrokenPipe | io::ErrorKind::ConnectionReset)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::future::poll_fn;
+
+    use super::*;
+
+    /// Far more than a socket takes at once.
+    const LONG: usize = 4 << 20;
+
+    fn pair() -> (Channel, Channel) {
+        let (a, b) = UnixStream::pair().unwrap();
+        (Channel::new(a).unwrap(), Channel::new(b).unwrap())
+    }
+
+    async fn receive(channel: &mut Channel) -> io::Result<Option<String>> {
+        poll_fn(|context| channel.poll_receive(context)).await
+    }
+
+    #[tokio::test]
+    async fn what_the_socket_does_not_take_is_queued_and_sent_while_the_answer_is_waited_for() {
+        let (mut a, mut b) = pair();
+        let texts = ["x".repeat(LONG), "y".to_owned(), "z".repeat(LONG)];
+        // Nobody reads yet: this would block.
+        texts.iter().for_each(|text| a.send(text).unwrap());
+        assert!(a.is_queued() && a.bytes().to < LONG as u64);
+        let other = tokio::spawn(async move {
+            for text in texts {
+                assert_eq!(receive(&mut b).await.unwrap(), Some(text));
+            }
+            b.send(&"thanks").unwrap();
+            assert_eq!(receive(&mut b).await.unwrap(), None);
+            b
+        });
+        assert_eq!(receive(&mut a).await.unwrap().as_deref(), Some("thanks"));
+        assert!(!a.is_queued() && a.writable.is_none());
+        let bytes = a.bytes();
+        drop(a);
+        let theirs = other.await.unwrap().bytes();
+        assert_eq!((theirs.to, theirs.from), (bytes.from, bytes.to));
+        assert!(bytes.to > 2 * LONG as u64);
+    }
+
+    #[tokio::test]
+    async fn what_fits_goes_at_once() {
+        let (mut a, mut b) = pair();
+        a.send(&"here").unwrap();
+        assert!(!a.is_queued() && a.writable.is_none());
+        assert_eq!(receive(&mut b).await.unwrap().as_deref(), Some("here"));
+    }
+
+    #[tokio::test]
+    async fn what_the_other_end_has_said_before_it_went_is_read_though_nothing_can_be_sent() {
+        let (mut a, mut b) = pair();
+        a.send(&"x".repeat(LONG)).unwrap();
+        b.send(&"farewell").unwrap();
+        drop(b);
+        assert_eq!(receive(&mut a).await.unwrap().as_deref(), Some("farewell"));
+        assert_eq!(receive(&mut a).await.unwrap(), None);
+        assert!(a.send(&"anyone?").is_err_and(|error| is_gone(&error)));
     }
 }

@@ -15,7 +15,7 @@ pub mod observe;
 pub mod pace;
 pub mod play;
 pub mod port;
-mod readable;
+mod ready;
 pub mod recorder;
 pub mod replay;
 pub mod report;

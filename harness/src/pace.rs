@@ -11,7 +11,7 @@ use tokio::io::unix::AsyncFd;
 use torno_protocol::record::Silence;
 use torno_protocol::time::{Instant, Span};
 
-use crate::readable::readable;
+use crate::ready::readable;
 use torno_engine::Limit;
 
 /// A host that is further behind than this, in wall time, does not try to catch up.

@@ -8,7 +8,7 @@ use std::os::unix::net::UnixStream;
 use rustix::process::Signal;
 use torno_protocol::record::{FromBoard, Heard, Setup, ToBoard, VERSION};
 
-use crate::channel::Channel;
+use crate::channel::{Channel, is_gone};
 use torno_machines::kinds::{self, Steps};
 
 /// Why a board's process ended before its harness told it to.
@@ -75,7 +75,7 @@ pub async fn run(kind: &str) -> Result<(), SeatError> {
 fn send(channel: &mut Channel, record: &FromBoard) -> io::Result<()> {
     match channel.send(record) {
         // The harness is gone: the next read says so too.
-        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+        Err(error) if is_gone(&error) => Ok(()),
         sent => sent,
     }
 }

@@ -15,7 +15,7 @@ use rustix::fs::inotify::{self, CreateFlags, ReadFlags, Reader, WatchFlags};
 use rustix::io::Errno;
 use tokio::io::unix::AsyncFd;
 
-use crate::readable::readable;
+use crate::ready::readable;
 
 /// What became of the port's clients as a whole.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

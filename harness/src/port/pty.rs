@@ -17,7 +17,7 @@ use rustix::termios::{
 use tokio::io::unix::AsyncFd;
 
 use super::PortError;
-use crate::readable::readable;
+use crate::ready::readable;
 
 /// Bytes of one read: what the kernel's line discipline holds, and the status byte.
 const READ_MAX: usize = 4096 + 1;

@@ -517,6 +517,7 @@ impl Rig {
             return Ok(());
         }
         let mut patience = std::pin::pin!(tokio::time::sleep(SLOW_BOARD));
+        let mut taken = self.taken();
         while self.engine.is_waiting() {
             self.lap();
             let happened = poll_fn(|context| {
@@ -540,6 +541,10 @@ impl Rig {
                     self.charge(id);
                     self.take_answer(id, answer).await?;
                 }
+                // A turn that is long, to a board that takes it bit by bit.
+                Happened::Nothing if core::mem::replace(&mut taken, self.taken()) != taken => {
+                    patience.set(tokio::time::sleep(SLOW_BOARD));
+                }
                 Happened::Nothing => {
                     let slow = (0..self.nodes.len()).find(|id| self.engine.awaits(*id)).unwrap_or_default();
                     return Err(RigError::Slow { board: self.nodes[slow].name.clone() });
@@ -547,6 +552,11 @@ impl Rig {
             }
         }
         Ok(())
+    }
+
+    /// The bytes that the boards have taken.
+    fn taken(&self) -> u64 {
+        self.nodes.iter().filter_map(Node::bytes).map(|bytes| bytes.to).sum()
     }
 
     async fn take_answer(&mut self, id: NodeId, answer: io::Result<Option<FromBoard>>) -> Result<(), RigError> {

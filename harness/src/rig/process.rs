@@ -12,7 +12,7 @@ use tokio::process::{Child, Command};
 use torno_protocol::record::{Batch, FromBoard, Setup, Timed, ToBoard};
 
 use super::Bytes;
-use crate::channel::Channel;
+use crate::channel::{Channel, is_gone};
 
 /// A board's process.
 #[derive(Debug)]
@@ -65,7 +65,7 @@ impl BoardProcess {
     /// If the process has died, its socket's end will say so.
     pub(super) fn send(&mut self, record: &ToBoard) -> io::Result<()> {
         match self.channel.send(record) {
-            Err(error) if matches!(error.kind(), io::ErrorKind::BrokenPipe | io::ErrorKind::ConnectionReset) => Ok(()),
+            Err(error) if is_gone(&error) => Ok(()),
             sent => sent,
         }
     }

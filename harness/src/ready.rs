@@ -1,4 +1,4 @@
-//! File descriptors that tell when they can be read.
+//! File descriptors that tell when they can be read, or written.
 
 use std::io;
 use std::os::fd::OwnedFd;
@@ -14,9 +14,24 @@ use tokio::io::unix::AsyncFd;
 ///
 /// # Panics
 /// Outside a tokio runtime with I/O enabled.
-#[allow(unsafe_code)]
 pub(crate) fn readable(fd: impl Into<OwnedFd>) -> io::Result<AsyncFd<OwnedFd>> {
+    registered(fd.into(), Interest::READABLE)
+}
+
+/// The same with write interest only.
+///
+/// # Errors
+/// If the system refuses.
+///
+/// # Panics
+/// Outside a tokio runtime with I/O enabled.
+pub(crate) fn writable(fd: impl Into<OwnedFd>) -> io::Result<AsyncFd<OwnedFd>> {
+    registered(fd.into(), Interest::WRITABLE)
+}
+
+#[allow(unsafe_code)]
+fn registered(fd: OwnedFd, interest: Interest) -> io::Result<AsyncFd<OwnedFd>> {
     // SAFETY: the `AsyncFd` owns the descriptor from here on; an `OwnedFd` is the same open descriptor all its life.
-    let registered = unsafe { AsyncFd::register_with_interest(fd.into(), Interest::READABLE) };
+    let registered = unsafe { AsyncFd::register_with_interest(fd, interest) };
     Ok(registered?)
 }
