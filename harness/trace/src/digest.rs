@@ -19,7 +19,12 @@ pub struct Digest {
 struct Stream {
     name: String,
     hash: Xxh3,
+    /// What has been added and not hashed yet: the hash is fast on much at once.
+    pending: Vec<u8>,
 }
+
+/// Bytes that are hashed at once.
+const AT_ONCE: usize = 4_096;
 
 /// The digest of a whole run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,7 +39,8 @@ impl fmt::Display for Sum {
 impl Digest {
     /// A digest for a rig with this layout, of nothing yet.
     pub fn new(layout: &Layout) -> Self {
-        let stream = |name: &String| Stream { name: name.clone(), hash: Xxh3::new() };
+        let stream =
+            |name: &String| Stream { name: name.clone(), hash: Xxh3::new(), pending: Vec::with_capacity(AT_ONCE) };
         Self {
             nodes: layout.boards.iter().map(|board| stream(&board.name)).collect(),
             lines: layout.lines.iter().map(|line| stream(&line.name)).collect(),
@@ -59,7 +65,7 @@ impl Digest {
         let mut hash = Xxh3::new();
         for stream in streams {
             hash.update(stream.name.as_bytes());
-            hash.update(&stream.hash.digest128().to_le_bytes());
+            hash.update(&stream.sum().to_le_bytes());
         }
         Sum(hash.digest128())
     }
@@ -71,6 +77,16 @@ impl Stream {
         bytes[..8].copy_from_slice(&at.as_nanos().to_le_bytes());
         bytes[8..10].copy_from_slice(&[tag, number]);
         bytes[10..].copy_from_slice(&value.to_le_bytes());
-        self.hash.update(&bytes);
+        self.pending.extend_from_slice(&bytes);
+        if self.pending.len() > AT_ONCE - bytes.len() {
+            self.hash.update(&self.pending);
+            self.pending.clear();
+        }
+    }
+
+    fn sum(&self) -> u128 {
+        let mut hash = self.hash.clone();
+        hash.update(&self.pending);
+        hash.digest128()
     }
 }
