@@ -9,6 +9,7 @@
 mod common;
 
 mod anything;
+mod byhand;
 mod cli;
 mod compare;
 mod ctl;

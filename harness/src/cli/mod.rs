@@ -6,6 +6,7 @@ mod ctl;
 mod diff;
 mod exit;
 mod identify;
+mod join;
 mod output;
 mod replay;
 mod run;
@@ -37,6 +38,7 @@ use torno_protocol::lathe::Program;
 use torno_trace::{Damage, Header, Trace};
 
 use exit::{FAILED, INTERRUPTED, USAGE};
+use join::wait_for_boards;
 use output::{OutputFile, colour, print, print_result, print_text, write_file};
 
 /// What a bare `torno` says.
@@ -89,7 +91,7 @@ enum Command {
     Replay(replay::Arguments),
     /// Tells where two traces part.
     Diff(diff::Arguments),
-    /// Is one board; this is what the launcher starts.
+    /// Is one board: what the launcher starts, or one by hand that joins a rig.
     Board(board::Arguments),
 }
 
