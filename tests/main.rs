@@ -19,6 +19,7 @@ mod faults;
 mod foreign;
 mod identify;
 mod imports;
+mod log;
 mod machine;
 mod part;
 mod pc_port;

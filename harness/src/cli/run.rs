@@ -5,19 +5,20 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use torno::fault::{self, FaultFile};
-use torno::observe::log;
 use torno::pace::Pace;
 use torno::play::{Ended, Play, Played, Progress};
 use torno::report::page::Page;
 use torno::report::{Bar, BoardSummary, Cut, Frames, Stats, Summary, failures};
+use torno::rig::file::RigFile;
 use torno::scenario::seed_text;
 use torno_machines::workpiece::ToolPath;
 use torno_protocol::lathe::Outcome;
 use torno_text::parse_span;
+use tracing::Instrument;
 
 use super::{
     FAILED, INTERRUPTED, Interrupt, OutputFile, driver, load_program, load_rig, print_result, rig_and_program,
-    start_recording, wait_for_boards,
+    rig_span, start_recording, wait_for_boards,
 };
 
 #[derive(Debug, clap::Args)]
@@ -70,9 +71,19 @@ pub(super) struct Arguments {
 
 impl Arguments {
     pub(super) async fn run(self, started: Instant) -> anyhow::Result<ExitCode> {
-        log::init("warn");
-        let (rig, program) = rig_and_program(self.rig, self.program);
+        let (rig, program) = rig_and_program(self.rig.clone(), self.program.clone());
         let file = load_rig(&rig, &self.set)?;
+        let span = rig_span(&file);
+        self.play(started, rig, file, program).instrument(span).await
+    }
+
+    async fn play(
+        self,
+        started: Instant,
+        rig: String,
+        file: RigFile,
+        program: Option<PathBuf>,
+    ) -> anyhow::Result<ExitCode> {
         super::plays_frames(&file)?;
         let (program_name, program) = load_program(program.as_deref())?;
         anyhow::ensure!(

@@ -8,13 +8,13 @@ use serde::Serialize;
 use torno::control::{Control, socket_beside};
 use torno::fault::{self, FaultFile};
 use torno::live::Live;
-use torno::observe::log;
 use torno::pace::Pace;
 use torno::port::{LinkPath, PcPort};
 use torno::rig::file::{DEFAULT, RigFile};
 use torno::scenario::seed_text;
+use tracing::Instrument;
 
-use super::{Interrupt, driver, load_rig, print, start_recording, wait_for_boards};
+use super::{Interrupt, driver, load_rig, print, rig_span, start_recording, wait_for_boards};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -75,9 +75,12 @@ struct Board {
 
 impl Arguments {
     pub(super) async fn run(self) -> anyhow::Result<ExitCode> {
-        log::init("info");
-        let rig = self.rig.as_deref().unwrap_or(DEFAULT);
-        let file = load_rig(rig, &self.set)?;
+        let file = load_rig(self.rig.as_deref().unwrap_or(DEFAULT), &self.set)?;
+        let span = rig_span(&file);
+        self.up(file).instrument(span).await
+    }
+
+    async fn up(self, file: RigFile) -> anyhow::Result<ExitCode> {
         // Before anything is announced, so that whoever reads the announcement may end the rig.
         let mut interrupt = Interrupt::listen()?;
         let link = match self.link {
@@ -102,7 +105,7 @@ impl Arguments {
         }
         let control = Control::open(&socket)?;
         let socket = control.path().to_owned();
-        let header = file.header(rig, 0, None);
+        let header = file.header(self.rig.as_deref().unwrap_or(DEFAULT), 0, None);
         let recorder = self.record.as_deref().map(|path| start_recording(path, &header)).transpose()?;
         let mut live = Live::start(&file, &driver, self.pace, ports).await?;
         if let Some(recorder) = recorder {

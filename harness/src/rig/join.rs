@@ -8,6 +8,7 @@ use tokio::task::JoinSet;
 use torno_protocol::board::Description;
 use torno_protocol::record::Setup;
 use torno_text::nearest;
+use tracing::Instrument;
 
 use super::file::RigFile;
 use super::process::BoardProcess;
@@ -116,7 +117,7 @@ impl OpenPlaces {
     /// [`AwaitError::Refused`] if too many are refused.
     pub async fn wait(self) -> Result<Joined, AwaitError> {
         let joined = Joined::default();
-        let mut waits: JoinSet<_> = self.0.into_iter().map(OpenPlace::wait).collect();
+        let mut waits: JoinSet<_> = self.0.into_iter().map(|place| place.wait().in_current_span()).collect();
         while let Some(waited) = waits.join_next().await {
             let board = waited.map_err(std::io::Error::from)??;
             joined.0.lock().unwrap_or_else(PoisonError::into_inner).push(board);
