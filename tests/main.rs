@@ -9,6 +9,7 @@
 mod common;
 
 mod anything;
+mod byhand;
 mod cli;
 mod compare;
 mod ctl;
@@ -18,6 +19,7 @@ mod faults;
 mod foreign;
 mod identify;
 mod imports;
+mod log;
 mod machine;
 mod part;
 mod pc_port;

@@ -8,6 +8,7 @@ use std::task::{Context, Poll, ready};
 
 use bytes::BytesMut;
 use rustix::io::Errno;
+use rustix::net::RecvFlags;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use tokio::io::unix::AsyncFd;
@@ -160,6 +161,25 @@ impl Channel {
                 Ok(Err(error)) if error.kind() == io::ErrorKind::Interrupted => {}
                 Ok(Err(error)) if is_gone(&error) => return Poll::Ready(Ok(None)),
                 Ok(Err(error)) => return Poll::Ready(Err(error)),
+                Err(_would_block) => {}
+            }
+        }
+    }
+
+    /// Ready when the stream ends, while nothing is expected of it. What comes all the same is left for the next
+    /// [`poll_receive`](Self::poll_receive), which then also finds the end.
+    pub(crate) fn poll_ended(&mut self, context: &mut Context<'_>) -> Poll<()> {
+        loop {
+            let Ok(mut guard) = ready!(self.socket.poll_read_ready(context)) else { return Poll::Ready(()) };
+            let mut byte = [0; 1];
+            let peek = |socket: &AsyncFd<OwnedFd>| {
+                Ok(rustix::net::recv(socket.get_ref(), &mut byte[..], RecvFlags::PEEK | RecvFlags::DONTWAIT)?.0)
+            };
+            match guard.try_io(peek) {
+                Ok(Ok(0)) => return Poll::Ready(()),
+                Ok(Ok(_)) => return Poll::Pending,
+                Ok(Err(error)) if error.kind() == io::ErrorKind::Interrupted => {}
+                Ok(Err(_)) => return Poll::Ready(()),
                 Err(_would_block) => {}
             }
         }

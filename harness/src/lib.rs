@@ -25,5 +25,6 @@ pub mod seat;
 pub mod send;
 pub mod servo;
 pub mod session;
+pub mod socket;
 pub mod sweep;
 pub mod text_file;

@@ -448,10 +448,7 @@ impl Session {
             happened.facts.retain(|fact| fact.at() < until);
         }
         if self.logs {
-            for incident in &happened.incidents {
-                log::set_time(incident.at);
-                tracing::warn!("{incident}");
-            }
+            happened.incidents.iter().for_each(log::incident);
             happened.facts.iter().for_each(|fact| log::log(&self.rig, fact));
         }
         if let Some(recorder) = &mut self.recorder {

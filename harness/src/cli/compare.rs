@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::bail;
-use torno::observe::{Ledger, log};
+use torno::observe::Ledger;
 use torno::play::Play;
 use torno::report::{Comparison, Side};
 use torno::rig::Driver;
@@ -67,7 +67,6 @@ impl Candidate {
 
 impl Arguments {
     pub(super) async fn run(self) -> anyhow::Result<ExitCode> {
-        log::init("warn");
         let mut rigs = [Candidate::load(&self.rig)?, Candidate::load(&self.other)?];
         for text in &self.set {
             set(&mut rigs, text)?;

@@ -7,7 +7,6 @@ use anyhow::Context;
 use torno::identify::bench::{Excitation, Plan, Recording, Subject};
 use torno::identify::csv::{self, Measured};
 use torno::identify::{Identification, Method, Units};
-use torno::observe::log;
 use torno::rig::file::{DEFAULT, RigFile};
 
 use super::{load_rig, print_result, write_file};
@@ -119,7 +118,6 @@ impl Source {
 
 impl Arguments {
     pub(super) async fn run(self) -> anyhow::Result<ExitCode> {
-        log::init("warn");
         let Identified { identification, .. } = self.source.identify(self.method).await?;
         if let Some(path) = &self.plot {
             write_file(path, identification.figure().svg()?)?;

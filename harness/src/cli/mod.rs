@@ -6,6 +6,7 @@ mod ctl;
 mod diff;
 mod exit;
 mod identify;
+mod join;
 mod output;
 mod replay;
 mod run;
@@ -28,6 +29,7 @@ use std::time::Instant;
 use anyhow::Context;
 use clap::{Parser, Subcommand};
 use tokio::signal::unix::{Signal, SignalKind, signal};
+use torno::observe::log;
 use torno::play::DEMONSTRATION;
 use torno::recorder::Recorder;
 use torno::rig::Driver;
@@ -37,6 +39,7 @@ use torno_protocol::lathe::Program;
 use torno_trace::{Damage, Header, Trace};
 
 use exit::{FAILED, INTERRUPTED, USAGE};
+use join::wait_for_boards;
 use output::{OutputFile, colour, print, print_result, print_text, write_file};
 
 /// What a bare `torno` says.
@@ -54,11 +57,14 @@ From a checkout, write 'cargo run --release -- run' for 'torno run'.
 #[command(
     after_help = "Exit status: 0 as expected, 1 a check failed, 2 wrong usage or broken input, 3 the rig broke or\n\
     cannot be recorded, 130 interrupted.\n\
-    RUST_LOG sets what is logged on standard error, e.g. RUST_LOG=info."
+    RUST_LOG sets what is logged on standard error, e.g. RUST_LOG=info, or of one board RUST_LOG=warn,depth=info."
 )]
 struct Arguments {
     #[command(subcommand)]
     command: Option<Command>,
+    /// The form of the log on standard error
+    #[arg(long, global = true, value_name = "FORM", value_enum, default_value_t)]
+    log: log::Form,
 }
 
 #[derive(Debug, Subcommand)]
@@ -89,15 +95,28 @@ enum Command {
     Replay(replay::Arguments),
     /// Tells where two traces part.
     Diff(diff::Arguments),
-    /// Is one board; this is what the launcher starts.
+    /// Is one board: what the launcher starts, or one by hand that joins a rig.
     Board(board::Arguments),
+}
+
+impl Command {
+    /// What it logs where `RUST_LOG` says nothing.
+    const fn logs(&self) -> &'static str {
+        match self {
+            Self::Up(_) => "info",
+            Self::Test(_) | Self::Sweep(_) => "error",
+            _ => "warn",
+        }
+    }
 }
 
 /// Runs the command line.
 pub(crate) fn main(started: Instant) -> ExitCode {
-    let Some(command) = Arguments::parse().command else {
+    let Arguments { command, log } = Arguments::parse();
+    let Some(command) = command else {
         return print(INTRODUCTION).map_or_else(|error| complain(&error), |()| ExitCode::SUCCESS);
     };
+    log::init(command.logs(), log);
     let runtime = match tokio::runtime::Builder::new_current_thread().enable_all().build() {
         Ok(runtime) => runtime,
         Err(error) => return complain(&error.into()),
@@ -149,6 +168,11 @@ fn load_rig(rig: &str, set: &[String]) -> anyhow::Result<RigFile> {
     set.iter().try_fold(RigFile::load(rig)?, |file, set| {
         file.set(set).map_err(|message| anyhow::anyhow!("--set '{set}': {message}"))
     })
+}
+
+/// The span around everything that is logged about a rig.
+fn rig_span(file: &RigFile) -> tracing::Span {
+    tracing::error_span!("rig", name = file.name)
 }
 
 /// Refuses a rig whose PC sends no frames of the lathe.

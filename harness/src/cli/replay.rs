@@ -5,7 +5,6 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use serde_json::json;
-use torno::observe::log;
 use torno::replay::replay;
 use torno::rig::Driver;
 use torno_trace::diff::{Extent, first_difference};
@@ -26,7 +25,6 @@ pub(super) struct Arguments {
 
 impl Arguments {
     pub(super) async fn run(self, started: Instant) -> anyhow::Result<ExitCode> {
-        log::init("warn");
         let (trace, damage) = load_trace(&self.file)?;
         let driver = if self.processes { driver(false)? } else { Driver::InProcess };
         let mut interrupt = Interrupt::listen()?;

@@ -5,19 +5,20 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use torno::fault::{self, FaultFile};
-use torno::observe::log;
 use torno::pace::Pace;
 use torno::play::{Ended, Play, Played, Progress};
 use torno::report::page::Page;
 use torno::report::{Bar, BoardSummary, Cut, Frames, Stats, Summary, failures};
+use torno::rig::file::RigFile;
 use torno::scenario::seed_text;
 use torno_machines::workpiece::ToolPath;
 use torno_protocol::lathe::Outcome;
 use torno_text::parse_span;
+use tracing::Instrument;
 
 use super::{
     FAILED, INTERRUPTED, Interrupt, OutputFile, driver, load_program, load_rig, print_result, rig_and_program,
-    start_recording,
+    rig_span, start_recording, wait_for_boards,
 };
 
 #[derive(Debug, clap::Args)]
@@ -38,6 +39,10 @@ pub(super) struct Arguments {
     /// Runs the boards in this process instead of one each
     #[arg(long)]
     in_process: bool,
+    /// Leaves a board's place open, and waits until 'torno board KIND --join SOCKET' takes it (may be given several
+    /// times) [default socket: RIG-BOARD-join in $XDG_RUNTIME_DIR/torno or /tmp/torno-UID]
+    #[arg(long = "await", value_name = "BOARD[=SOCKET]")]
+    awaited: Vec<String>,
     /// Sets what the rig file could say: BOARD.TABLE.FIELD, BOARD.clock_ppm or pc.FIELD (may be given several times)
     #[arg(long, value_name = "PLACE=VALUE")]
     set: Vec<String>,
@@ -59,16 +64,26 @@ pub(super) struct Arguments {
     /// Gives up when no frame has been accepted for so long, in virtual time
     #[arg(long, default_value = "3600 s", value_name = "TIME")]
     patience: String,
-    /// Prints the summary as one line of JSON
+    /// Prints the summary as one line of JSON; before it, one for --await
     #[arg(long)]
     json: bool,
 }
 
 impl Arguments {
     pub(super) async fn run(self, started: Instant) -> anyhow::Result<ExitCode> {
-        log::init("warn");
-        let (rig, program) = rig_and_program(self.rig, self.program);
+        let (rig, program) = rig_and_program(self.rig.clone(), self.program.clone());
         let file = load_rig(&rig, &self.set)?;
+        let span = rig_span(&file);
+        self.play(started, rig, file, program).instrument(span).await
+    }
+
+    async fn play(
+        self,
+        started: Instant,
+        rig: String,
+        file: RigFile,
+        program: Option<PathBuf>,
+    ) -> anyhow::Result<ExitCode> {
         super::plays_frames(&file)?;
         let (program_name, program) = load_program(program.as_deref())?;
         anyhow::ensure!(
@@ -95,12 +110,15 @@ impl Arguments {
         let tail = file.margin();
         let rig = file.name.clone();
         let waveforms = vcd.is_some();
-        let driver = driver(self.in_process)?;
+        let others = driver(self.in_process)?;
+        let mut interrupt = Interrupt::listen()?;
+        let waited = wait_for_boards(&file, &self.awaited, others, self.json, &mut interrupt).await?;
+        let Some((driver, waited)) = waited else { return Ok(ExitCode::from(INTERRUPTED)) };
+        let started = started + waited;
         let (pace, measure) = (self.pace, self.stats);
         let patience = parse_span(&self.patience).map_err(|message| anyhow::anyhow!("--patience: {message}"))?;
         let play = Play { pace, faults, waveforms, measure, keep, patience, ..Play::new(file, program, driver) };
 
-        let mut interrupt = Interrupt::listen()?;
         let bar = Bar::new(frames, started);
         let progress = |progress: Progress<'_>| bar.update(progress.conversation.accepted, Some(progress.now));
         let mut played = play.record(recorder, progress, interrupt.received()).await?;

@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use torno::observe::log;
 use torno::report::{Bar, Frames, Summary, failures};
 use torno::send::Send;
 use torno_protocol::lathe::{BAUD, Outcome};
@@ -37,7 +36,6 @@ fn seconds(text: &str) -> Result<f64, String> {
 
 impl Arguments {
     pub(super) async fn run(self, started: Instant) -> anyhow::Result<ExitCode> {
-        log::init("warn");
         let (program_name, program) = load_program(Some(&self.program))?;
         let frames = program.frames.len();
         let patience = Duration::from_secs_f64(self.timeout);

@@ -7,7 +7,6 @@ use std::process::ExitCode;
 use std::str::FromStr;
 
 use anyhow::Context;
-use torno::observe::log;
 use torno::report::Bar;
 use torno::rig::Driver;
 use torno::scenario::{Scenario, Tested, run_all, seed_text, shell_word};
@@ -82,7 +81,6 @@ struct Job {
 
 impl Arguments {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
-        log::init("error");
         if self.merge {
             let runs = self.files.iter().map(|path| read(path)).collect::<anyhow::Result<Vec<_>>>()?.concat();
             let (runs, missing) = merge(runs)?;

@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::Context;
-use torno::observe::log;
 use torno::recorder::Recorder;
 use torno::report::Bar;
 use torno::scenario::{Scenario, TestReport, run_all, run_recorded, seed_text};
@@ -40,7 +39,6 @@ pub(super) struct Arguments {
 
 impl Arguments {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
-        log::init("error");
         let mut scenarios = Vec::new();
         for path in files(&self.scenarios)? {
             let scenario = Scenario::load(&path, self.seed)?;

@@ -6,7 +6,6 @@ use std::process::ExitCode;
 use anyhow::Context;
 use torno::identify::Method;
 use torno::identify::tune::Tuning;
-use torno::observe::log;
 
 use super::identify::{Identified, Source};
 use super::{print_result, write_file};
@@ -38,7 +37,6 @@ fn degrees(text: &str) -> Result<f64, String> {
 
 impl Arguments {
     pub(super) async fn run(self) -> anyhow::Result<ExitCode> {
-        log::init("warn");
         let Identified { identification, on_rig } = self.source.identify(self.method).await?;
         let subject = identification.subject.clone();
         let tuning = Tuning::of(identification, on_rig.as_ref(), self.phase_margin).await.context(subject)?;

@@ -8,13 +8,13 @@ use serde::Serialize;
 use torno::control::{Control, socket_beside};
 use torno::fault::{self, FaultFile};
 use torno::live::Live;
-use torno::observe::log;
 use torno::pace::Pace;
 use torno::port::{LinkPath, PcPort};
 use torno::rig::file::{DEFAULT, RigFile};
 use torno::scenario::seed_text;
+use tracing::Instrument;
 
-use super::{Interrupt, driver, load_rig, print, start_recording};
+use super::{Interrupt, driver, load_rig, print, rig_span, start_recording, wait_for_boards};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -30,6 +30,10 @@ pub(super) struct Arguments {
     /// Runs the boards in this process instead of one each
     #[arg(long)]
     in_process: bool,
+    /// Leaves a board's place open, and waits until 'torno board KIND --join SOCKET' takes it (may be given several
+    /// times) [default socket: RIG-BOARD-join in $XDG_RUNTIME_DIR/torno or /tmp/torno-UID]
+    #[arg(long = "await", value_name = "BOARD[=SOCKET]")]
+    awaited: Vec<String>,
     /// Sets what the rig file could say: BOARD.TABLE.FIELD, BOARD.clock_ppm or pc.FIELD (may be given several times)
     #[arg(long, value_name = "PLACE=VALUE")]
     set: Vec<String>,
@@ -42,7 +46,7 @@ pub(super) struct Arguments {
     /// Where to put the socket that 'torno ctl' steers it by [default: beside the link, RIG-control]
     #[arg(long, value_name = "PATH")]
     control: Option<PathBuf>,
-    /// Prints where everything is as one line of JSON, when the rig is ready
+    /// Prints where everything is as one line of JSON, when the rig is ready; before it, one for --await
     #[arg(long)]
     json: bool,
 }
@@ -71,9 +75,12 @@ struct Board {
 
 impl Arguments {
     pub(super) async fn run(self) -> anyhow::Result<ExitCode> {
-        log::init("info");
-        let rig = self.rig.as_deref().unwrap_or(DEFAULT);
-        let file = load_rig(rig, &self.set)?;
+        let file = load_rig(self.rig.as_deref().unwrap_or(DEFAULT), &self.set)?;
+        let span = rig_span(&file);
+        self.up(file).instrument(span).await
+    }
+
+    async fn up(self, file: RigFile) -> anyhow::Result<ExitCode> {
         // Before anything is announced, so that whoever reads the announcement may end the rig.
         let mut interrupt = Interrupt::listen()?;
         let link = match self.link {
@@ -86,6 +93,9 @@ impl Arguments {
         if self.faults.is_some() {
             tracing::info!("seed {}", seed_text(seed, &drawn));
         }
+        let others = driver(self.in_process)?;
+        let waited = wait_for_boards(&file, &self.awaited, others, self.json, &mut interrupt).await?;
+        let Some((driver, _)) = waited else { return Ok(ExitCode::SUCCESS) };
         let port = PcPort::open(link, file.pc.baud)?;
         let socket = self.control.unwrap_or_else(|| socket_beside(port.link()));
         let mut ports = vec![port];
@@ -95,9 +105,9 @@ impl Arguments {
         }
         let control = Control::open(&socket)?;
         let socket = control.path().to_owned();
-        let header = file.header(rig, 0, None);
+        let header = file.header(self.rig.as_deref().unwrap_or(DEFAULT), 0, None);
         let recorder = self.record.as_deref().map(|path| start_recording(path, &header)).transpose()?;
-        let mut live = Live::start(&file, &driver(self.in_process)?, self.pace, ports).await?;
+        let mut live = Live::start(&file, &driver, self.pace, ports).await?;
         if let Some(recorder) = recorder {
             live.record(recorder);
         }

@@ -15,7 +15,7 @@ mod server;
 
 pub use backlog::Rows;
 pub use path::socket_beside;
-pub use server::{Answer, Call, Control, ControlError};
+pub use server::{Answer, Call, Control};
 
 use std::collections::BTreeMap;
 

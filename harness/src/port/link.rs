@@ -111,6 +111,16 @@ pub fn default_folder() -> PathBuf {
     }
 }
 
+/// The same, made if need be.
+///
+/// # Errors
+/// [`PortError`] if others can get at what is in it.
+pub fn made_folder() -> Result<PathBuf, PortError> {
+    let folder = default_folder();
+    private_folder(&folder)?;
+    Ok(folder)
+}
+
 /// Opens `folder`, made if need be, if nobody but the current user can get at what is in it.
 fn private_folder(folder: &Path) -> Result<OwnedFd, PortError> {
     let refused = |errno: Errno| PortError::Folder { folder: folder.to_owned(), cause: errno.into() };

@@ -32,6 +32,6 @@ mod pty;
 mod tests;
 
 pub use error::PortError;
-pub use link::{LinkPath, default_folder};
+pub use link::{LinkPath, default_folder, made_folder};
 pub use pc::{PcPort, PortEvent};
 pub use pty::LineSettings;

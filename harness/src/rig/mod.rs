@@ -2,6 +2,7 @@
 
 mod cost;
 pub mod file;
+pub mod join;
 pub mod place;
 mod process;
 #[cfg(test)]
@@ -11,7 +12,7 @@ use std::collections::BTreeMap;
 use std::future::poll_fn;
 use std::io;
 use std::path::PathBuf;
-use std::task::Poll;
+use std::task::{Context, Poll};
 use std::time::Duration;
 
 use rustix::process::Pid;
@@ -28,8 +29,9 @@ pub use crate::channel::Bytes;
 pub use cost::Cost;
 use cost::Stopwatch;
 use file::RigFile;
-use process::BoardProcess;
+use join::Joined;
 pub use process::ProcessChange;
+use process::{BoardProcess, Unfit};
 use torno_bus::{PcProgram, PcUart};
 use torno_engine::{
     Disturbance, End, Engine, Fact, FaultId, Hit, Input, InputKind, LateOutput, Limit, LineId, NodeId, Watch, WatchId,
@@ -49,6 +51,24 @@ pub enum Driver {
     },
     /// All in this process.
     InProcess,
+    /// Those that have joined where they are, the others as their driver says.
+    ByHand {
+        /// Boards that have joined.
+        joined: Joined,
+        /// Where the others run.
+        others: Box<Driver>,
+    },
+}
+
+impl Driver {
+    /// Whether it starts processes.
+    const fn launches(&self) -> bool {
+        match self {
+            Self::Processes { .. } => true,
+            Self::InProcess => false,
+            Self::ByHand { others, .. } => others.launches(),
+        }
+    }
 }
 
 /// What has become of a board's process.
@@ -58,7 +78,7 @@ pub struct Incident {
     pub at: Instant,
     /// The board's name.
     pub board: String,
-    /// Its process.
+    /// Its process; 0 if it has joined from where its number is not visible.
     pub pid: u32,
     /// What happened to it.
     pub what: ProcessChange,
@@ -70,7 +90,8 @@ impl std::fmt::Display for Incident {
         match self.what {
             ProcessChange::Stopped => f.write_str("was stopped: it hangs"),
             ProcessChange::Continued => f.write_str("was continued"),
-            ProcessChange::Died(status) => write!(f, "died: {status}"),
+            ProcessChange::Died(Some(status)) => write!(f, "died: {status}"),
+            ProcessChange::Died(None) => f.write_str("died: its socket has ended"),
         }
     }
 }
@@ -157,7 +178,7 @@ pub struct Node {
 impl Node {
     fn new(name: &str, description: Description, clock: Clock, seat: Seat) -> Self {
         let pid = match &seat {
-            Seat::Process(process) => Some(process.pid().as_raw_nonzero().get() as u32),
+            Seat::Process(process) => Some(process.pid().map_or(0, |pid| pid.as_raw_nonzero().get() as u32)),
             Seat::Local(_) | Seat::Empty => None,
         };
         Self { name: name.to_owned(), description, clock, pid, seat, bytes: (Bytes::default(), None) }
@@ -200,10 +221,7 @@ impl Rig {
         P: PcProgram + Send + 'static,
     {
         // Before the first process, so that no news of one is missed.
-        let children = match driver {
-            Driver::Processes { .. } => Some(signal(SignalKind::child())?),
-            Driver::InProcess => None,
-        };
+        let children = if driver.launches() { Some(signal(SignalKind::child())?) } else { None };
         let mut rig = Self {
             engine: Engine::new(),
             nodes: Vec::new(),
@@ -244,34 +262,29 @@ impl Rig {
         self.engine.add_line(end(line.from), end(line.to));
     }
 
-    /// Waits until every process has said that it is what it should be.
+    /// Waits until every process that was started has said that it is what it should be. One that has joined has.
     async fn greet(&mut self) -> Result<(), RigError> {
-        for id in 0..self.nodes.len() {
-            let Node { name, description, seat: Seat::Process(process), .. } = &mut self.nodes[id] else { continue };
-            let board = |message: String| RigError::Board { board: name.clone(), message };
-            let answer = tokio::time::timeout(SLOW_BOARD, poll_fn(|context| process.poll_receive(context)));
-            match answer.await.map_err(|_| RigError::Slow { board: name.clone() })? {
-                Ok(Some(FromBoard::Ready { version: VERSION, description: theirs })) if theirs == *description => {}
-                Ok(Some(FromBoard::Ready { version, .. })) => {
-                    return Err(board(format!("expected a board of version {VERSION}, found version {version}")));
-                }
-                Ok(Some(FromBoard::Broken(message))) => return Err(board(message)),
-                Ok(None) => return Err(board("its process ended at once".to_owned())),
-                Ok(Some(FromBoard::Batch(_) | FromBoard::Told(_))) => {
-                    return Err(board("answered before it was asked".to_owned()));
-                }
-                Err(source) => return Err(RigError::Launch { board: name.clone(), source }),
+        for Node { name, description, seat, .. } in &mut self.nodes {
+            let Seat::Process(process) = seat else { continue };
+            if !process.is_launched() {
+                continue;
             }
+            let board = name.clone();
+            process.introduce(description).await.map_err(|unfit| match unfit {
+                Unfit::Slow => RigError::Slow { board },
+                Unfit::Record(source) => RigError::Launch { board, source },
+                Unfit::Other(message) => RigError::Board { board, message },
+            })?;
         }
         Ok(())
     }
 
-    /// Keeps all processes on the processor that this one runs on: they take turns, so a second one only adds the
-    /// cost of waking it.
+    /// Keeps all processes that were started on the processor that this one runs on: they take turns, so a second one
+    /// only adds the cost of waking it.
     pub fn share_one_processor(&self) {
         let pids = self.nodes.iter().filter_map(|node| match &node.seat {
-            Seat::Process(process) => Some(process.pid()),
-            Seat::Local(_) | Seat::Empty => None,
+            Seat::Process(process) if process.is_launched() => process.pid(),
+            Seat::Process(_) | Seat::Local(_) | Seat::Empty => None,
         });
         let pids: Vec<Pid> = pids.collect();
         if pids.is_empty() {
@@ -473,19 +486,30 @@ impl Rig {
     /// of it, so that what became of a process is dated when it was learned. Cancel-safe.
     pub async fn news(&mut self) {
         if !self.news {
-            match &mut self.children {
-                Some(children) => children.recv().await,
-                None => std::future::pending().await,
-            };
+            poll_fn(|context| self.poll_news(context)).await;
             self.news = true;
         }
     }
 
     /// Whether there has been news of the processes since the last call.
     async fn has_news(&mut self) -> bool {
-        let Some(children) = &mut self.children else { return false };
-        let come = poll_fn(|context| Poll::Ready(children.poll_recv(context).is_ready())).await;
+        let come = poll_fn(|context| Poll::Ready(self.poll_news(context).is_ready())).await;
         core::mem::take(&mut self.news) || come
+    }
+
+    fn poll_news(&mut self, context: &mut Context<'_>) -> Poll<()> {
+        if self.children.as_mut().is_some_and(|children| children.poll_recv(context).is_ready()) {
+            return Poll::Ready(());
+        }
+        for (id, node) in self.nodes.iter_mut().enumerate() {
+            if let Seat::Process(process) = &mut node.seat
+                && !self.engine.awaits(id)
+                && process.poll_gone(context).is_ready()
+            {
+                return Poll::Ready(());
+            }
+        }
+        Poll::Pending
     }
 
     /// Gives boards their turns and waits for their answers.
@@ -625,13 +649,19 @@ fn seat(board: &file::Board, driver: &Driver) -> Result<Seat, RigError> {
             Ok(stepper) => Ok(Seat::Local(stepper)),
             Err(error) => Err(RigError::Board { board: name.clone(), message: error.to_string() }),
         },
-        Driver::Processes { exe } => {
-            let (name, kind, settings) = (name.clone(), kind.clone(), settings.clone());
-            let setup = Setup { version: VERSION, name: name.clone(), kind, clock: *clock, settings };
-            match BoardProcess::launch(exe, setup) {
-                Ok(process) => Ok(Seat::Process(Box::new(process))),
-                Err(source) => Err(RigError::Launch { board: name, source }),
-            }
-        }
+        Driver::Processes { exe } => match BoardProcess::launch(exe, setup(board)) {
+            Ok(process) => Ok(Seat::Process(Box::new(process))),
+            Err(source) => Err(RigError::Launch { board: name.clone(), source }),
+        },
+        Driver::ByHand { joined, others } => match joined.take(name) {
+            Some(process) => Ok(Seat::Process(Box::new(process))),
+            None => seat(board, others),
+        },
     }
+}
+
+/// What a board is told to be.
+fn setup(board: &file::Board) -> Setup {
+    let file::Board { name, kind, clock, settings, .. } = board.clone();
+    Setup { version: VERSION, name, kind, clock, settings }
 }

@@ -1,5 +1,6 @@
 //! A board in a process of its own, at the other end of a socket.
 
+use std::future::poll_fn;
 use std::io;
 use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
@@ -9,19 +10,54 @@ use std::task::{Context, Poll, ready};
 
 use rustix::process::{Pid, WaitId, WaitIdOptions};
 use tokio::process::{Child, Command};
-use torno_protocol::record::{Batch, FromBoard, Setup, Timed, ToBoard};
+use torno_protocol::board::Description;
+use torno_protocol::record::{Batch, FromBoard, Setup, Timed, ToBoard, VERSION};
 
-use super::Bytes;
+use super::{Bytes, SLOW_BOARD};
 use crate::channel::{Channel, is_gone};
 
 /// A board's process.
 #[derive(Debug)]
 pub(super) struct BoardProcess {
-    child: Child,
-    pid: Pid,
+    origin: Origin,
     channel: Channel,
     /// The beginning of the batch that is coming in.
     told: Vec<Timed>,
+}
+
+/// Who started it.
+#[derive(Debug)]
+enum Origin {
+    /// The harness did.
+    Launched { child: Child, pid: Pid },
+    /// Somebody else did, and it has joined. The system tells only what its socket tells.
+    Joined {
+        /// Not known if it is not visible here, as in another container.
+        pid: Option<Pid>,
+        /// Its socket has ended.
+        gone: bool,
+    },
+}
+
+/// Why a process is not the board that it should be.
+#[derive(Debug)]
+pub(super) enum Unfit {
+    /// It says nothing.
+    Slow,
+    /// It says what is no record.
+    Record(io::Error),
+    /// Why, for people.
+    Other(String),
+}
+
+impl std::fmt::Display for Unfit {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Slow => write!(f, "has not answered for {} s", SLOW_BOARD.as_secs()),
+            Self::Record(error) => write!(f, "sends what is no record: {error}"),
+            Self::Other(message) => f.write_str(message),
+        }
+    }
 }
 
 /// What has become of a board's process.
@@ -31,8 +67,8 @@ pub enum ProcessChange {
     Stopped,
     /// It was continued.
     Continued,
-    /// It died.
-    Died(ExitStatus),
+    /// It died; how, if the harness had started it.
+    Died(Option<ExitStatus>),
 }
 
 impl BoardProcess {
@@ -48,13 +84,47 @@ impl BoardProcess {
             .kill_on_drop(true)
             .spawn()?;
         let pid = child.id().and_then(|id| Pid::from_raw(id as i32)).ok_or(io::ErrorKind::NotFound)?;
-        let mut process = Self { child, pid, channel: Channel::new(ours)?, told: Vec::new() };
+        Self::set_up(Origin::Launched { child, pid }, ours, setup)
+    }
+
+    /// Sets up one that has joined.
+    pub(super) fn joined(stream: tokio::net::UnixStream, setup: Setup) -> io::Result<Self> {
+        let pid = stream.peer_cred()?.pid().and_then(Pid::from_raw);
+        Self::set_up(Origin::Joined { pid, gone: false }, stream.into_std()?, setup)
+    }
+
+    fn set_up(origin: Origin, socket: UnixStream, setup: Setup) -> io::Result<Self> {
+        let mut process = Self { origin, channel: Channel::new(socket)?, told: Vec::new() };
         process.send(&ToBoard::Setup(setup))?;
         Ok(process)
     }
 
-    pub(super) fn pid(&self) -> Pid {
-        self.pid
+    pub(super) const fn pid(&self) -> Option<Pid> {
+        match &self.origin {
+            Origin::Launched { pid, .. } => Some(*pid),
+            Origin::Joined { pid, .. } => *pid,
+        }
+    }
+
+    /// Whether the harness has started it.
+    pub(super) const fn is_launched(&self) -> bool {
+        matches!(self.origin, Origin::Launched { .. })
+    }
+
+    /// Waits until it has said that it is what it should be.
+    pub(super) async fn introduce(&mut self, expected: &Description) -> Result<(), Unfit> {
+        let other = |message: &str| Err(Unfit::Other(message.to_owned()));
+        let answer = tokio::time::timeout(SLOW_BOARD, poll_fn(|context| self.poll_receive(context)));
+        match answer.await.map_err(|_| Unfit::Slow)?.map_err(Unfit::Record)? {
+            Some(FromBoard::Ready { version, .. }) if version != VERSION => {
+                Err(Unfit::Other(format!("expected a board of version {VERSION}, found version {version}")))
+            }
+            Some(FromBoard::Ready { description, .. }) if description == *expected => Ok(()),
+            Some(FromBoard::Ready { .. }) => other("expected another description of the board: it is another build"),
+            Some(FromBoard::Broken(message)) => Err(Unfit::Other(message)),
+            None => other("its process ended at once"),
+            Some(FromBoard::Batch(_) | FromBoard::Told(_)) => other("answered before it was asked"),
+        }
     }
 
     /// What has gone to the process and come from it.
@@ -89,11 +159,15 @@ impl BoardProcess {
 
     /// What has become of the process since the last call.
     pub(super) fn change(&mut self) -> io::Result<Option<ProcessChange>> {
-        if let Some(status) = self.child.try_wait()? {
-            return Ok(Some(ProcessChange::Died(status)));
+        let (child, pid) = match &mut self.origin {
+            Origin::Launched { child, pid } => (child, *pid),
+            Origin::Joined { gone, .. } => return Ok(core::mem::take(gone).then_some(ProcessChange::Died(None))),
+        };
+        if let Some(status) = child.try_wait()? {
+            return Ok(Some(ProcessChange::Died(Some(status))));
         }
         let options = WaitIdOptions::STOPPED | WaitIdOptions::CONTINUED | WaitIdOptions::NOHANG;
-        match rustix::process::waitid(WaitId::Pid(self.pid), options) {
+        match rustix::process::waitid(WaitId::Pid(pid), options) {
             Ok(Some(status)) if status.stopped() => Ok(Some(ProcessChange::Stopped)),
             Ok(Some(status)) if status.continued() => Ok(Some(ProcessChange::Continued)),
             Ok(_) => Ok(None),
@@ -103,9 +177,19 @@ impl BoardProcess {
         }
     }
 
-    /// Waits for the death of a process whose socket has ended.
-    pub(super) async fn died(&mut self) -> io::Result<ExitStatus> {
-        self.child.start_kill().ok();
-        self.child.wait().await
+    /// Waits until the socket of one that has joined ends while nothing is expected of it; the next
+    /// [change](Self::change) says so.
+    pub(super) fn poll_gone(&mut self, context: &mut Context<'_>) -> Poll<()> {
+        let Origin::Joined { gone, .. } = &mut self.origin else { return Poll::Pending };
+        ready!(self.channel.poll_ended(context));
+        *gone = true;
+        Poll::Ready(())
+    }
+
+    /// Waits for the death of a process whose socket has ended; says how it died, if that can be known.
+    pub(super) async fn died(&mut self) -> io::Result<Option<ExitStatus>> {
+        let Origin::Launched { child, .. } = &mut self.origin else { return Ok(None) };
+        child.start_kill().ok();
+        child.wait().await.map(Some)
     }
 }

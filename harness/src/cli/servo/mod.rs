@@ -10,7 +10,6 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use serde_json::json;
-use torno::observe::log;
 use torno::rig::file::RigFile;
 use torno::send::SendError;
 use torno::servo::report::graph;
@@ -124,7 +123,6 @@ fn language(text: &str) -> Result<Language, String> {
 
 impl Arguments {
     pub(super) async fn run(self) -> anyhow::Result<ExitCode> {
-        log::init("warn");
         match self.command {
             Command::Check(arguments) => arguments.run(),
             Command::Plot(arguments) => arguments.run(),
