@@ -525,7 +525,7 @@ mod tests {
     #[test]
     fn each_board_has_its_own_settings() {
         let own = [
-            ("master", "answer_ms = 1", "answer_ms = 1: expected 8 to 1000"),
+            ("master", "answer_ms = 1", "answer_ms: expected 8 to 1000, found 1"),
             ("spindle", "controller.k = 1e3", "controller.k: "),
         ];
         for (kind, field, expected) in own {
