@@ -8,7 +8,7 @@ use std::fmt::Debug;
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::Character;
 
-use crate::Heard;
+use crate::LineCharacter;
 use torno_engine::LineId;
 use torno_protocol::layout::Layout;
 use torno_text::nearest;
@@ -88,7 +88,7 @@ pub enum Phase {
 /// Makes messages of the characters on all lines of a rig.
 pub trait Reader: Debug + Send {
     /// Takes characters that follow on those before, in order of time.
-    fn hear(&mut self, characters: &[Heard]);
+    fn hear(&mut self, characters: &[LineCharacter]);
 
     /// Nothing more will come.
     fn end(&mut self);
@@ -155,12 +155,12 @@ impl Readers {
     }
 
     /// Takes characters that follow on those before, in order of time.
-    pub fn hear(&mut self, characters: &[Heard]) {
+    pub fn hear(&mut self, characters: &[LineCharacter]) {
         match &mut self.readers[..] {
             // Nearly always all lines have one dialect.
             [(lines, reader)] if lines.iter().all(|line| *line) => reader.hear(characters),
             readers => readers.iter_mut().for_each(|(lines, reader)| {
-                let theirs: Vec<Heard> = characters.iter().filter(|heard| lines[heard.line]).copied().collect();
+                let theirs: Vec<LineCharacter> = characters.iter().filter(|heard| lines[heard.line]).copied().collect();
                 reader.hear(&theirs);
             }),
         }
@@ -179,7 +179,7 @@ impl Readers {
     }
 
     /// The messages in these characters, which are in order of time; in order of time, too.
-    pub fn messages(mut self, characters: &[Heard]) -> Vec<Message> {
+    pub fn messages(mut self, characters: &[LineCharacter]) -> Vec<Message> {
         self.hear(characters);
         self.end();
         self.take()

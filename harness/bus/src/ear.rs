@@ -13,7 +13,7 @@ use torno_protocol::layout::{Layout, LineLayout};
 
 /// A character on a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Heard {
+pub struct LineCharacter {
     /// When a receiver has it: in the middle of its stop bit.
     pub at: Instant,
     /// The line.
@@ -101,15 +101,15 @@ impl Ears {
     }
 
     /// The characters that have been heard before `until`, in order of time. Nothing before it is still to be noted.
-    pub fn hear(&mut self, until: Instant) -> Vec<Heard> {
-        let mut heard: Vec<Heard> = self.lines.iter_mut().flat_map(|ear| ear.hear(until)).collect();
+    pub fn hear(&mut self, until: Instant) -> Vec<LineCharacter> {
+        let mut heard: Vec<LineCharacter> = self.lines.iter_mut().flat_map(|ear| ear.hear(until)).collect();
         heard.sort_by_key(|heard| heard.at);
         heard
     }
 }
 
 impl Ear {
-    fn hear(&mut self, until: Instant) -> Vec<Heard> {
+    fn hear(&mut self, until: Instant) -> Vec<LineCharacter> {
         self.steps.sort_by_key(Step::order);
         let due = self.steps.partition_point(|step| step.order().0 < until);
         let mut heard = Vec::new();
@@ -131,7 +131,7 @@ struct Listener {
 }
 
 impl Listener {
-    fn take(&mut self, step: Step, heard: &mut Vec<Heard>) {
+    fn take(&mut self, step: Step, heard: &mut Vec<LineCharacter>) {
         match step {
             Step::Edges(edges) => {
                 let Some(first) = edges.first() else { return };
@@ -163,11 +163,11 @@ impl Listener {
     }
 
     /// Takes the characters before `until`.
-    fn drain(&mut self, until: Instant, heard: &mut Vec<Heard>) {
+    fn drain(&mut self, until: Instant, heard: &mut Vec<LineCharacter>) {
         while let Some(at) = self.receiver.poll_timeout().filter(|at| *at < until)
             && let Some(character) = self.receiver.take(at)
         {
-            heard.push(Heard { at, line: self.line, character });
+            heard.push(LineCharacter { at, line: self.line, character });
         }
     }
 }

@@ -12,7 +12,7 @@ mod replies;
 pub use dialect::{
     Dialect, Dialects, Listener, Message, Phase, Reader, Readers, Reply, Stopwatch, hex, is_stray_byte, no_reply,
 };
-pub use ear::{Ears, Heard};
+pub use ear::{Ears, LineCharacter};
 pub use names::Names;
 pub use pc::{BAUD, Outside, PcEvent, PcProgram, PcUart, RECEIVED, STOPPED};
 pub use replies::Replies;

@@ -41,7 +41,7 @@ mod v3;
 mod waveform;
 mod writer;
 
-use torno_bus::{Ears, Heard};
+use torno_bus::{Ears, LineCharacter};
 use torno_engine::{Fact, Input};
 use torno_protocol::time::Instant;
 
@@ -78,7 +78,7 @@ impl Trace {
     }
 
     /// The characters on all lines, in order of time.
-    pub fn characters(&self) -> Vec<Heard> {
+    pub fn characters(&self) -> Vec<LineCharacter> {
         let mut ears = Ears::new(&self.header.layout);
         ears.note(&self.inputs, &self.facts);
         ears.hear(Instant::NEVER)

@@ -10,7 +10,7 @@ use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::Character;
 
 use super::Header;
-use torno_bus::{Heard, Message, hex};
+use torno_bus::{LineCharacter, Message, hex};
 use torno_engine::{Disturbance, Fact, Input, InputKind, LineId, NodeId, Tampering};
 
 /// Bytes of one write that are shown.
@@ -177,7 +177,7 @@ impl Row {
     }
 
     /// A row for a character.
-    pub fn character(heard: &Heard) -> Self {
+    pub fn character(heard: &LineCharacter) -> Self {
         Self { at: heard.at, place: Place::Line(heard.line), content: Content::Character(heard.character) }
     }
 

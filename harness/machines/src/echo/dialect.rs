@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use torno_bus::{Dialect, Heard, Listener, Message, Reader, Reply, no_reply};
+use torno_bus::{Dialect, LineCharacter, Listener, Message, Reader, Reply, no_reply};
 use torno_protocol::layout::Layout;
 use torno_protocol::time::Instant;
 
@@ -75,8 +75,8 @@ struct Lines {
 }
 
 impl Reader for Lines {
-    fn hear(&mut self, characters: &[Heard]) {
-        for Heard { at, line, character } in characters {
+    fn hear(&mut self, characters: &[LineCharacter]) {
+        for LineCharacter { at, line, character } in characters {
             let Some(byte) = character.ok() else { continue };
             let (text, flaw) = if self.from_pc[*line] {
                 self.sent.push_back(byte);

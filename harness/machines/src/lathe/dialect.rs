@@ -10,7 +10,7 @@ use torno_protocol::lathe::{
 use torno_protocol::layout::{GATEWAY, Layout, LineLayout};
 use torno_protocol::time::{Instant, Span};
 
-use torno_bus::{Dialect, Heard, Listener, Message, Reader, Stopwatch, hex, is_stray_byte, no_reply};
+use torno_bus::{Dialect, LineCharacter, Listener, Message, Reader, Stopwatch, hex, is_stray_byte, no_reply};
 use torno_engine::LineId;
 
 use super::cable::{Cable, Talk, Times};
@@ -145,7 +145,7 @@ impl Lines {
         self.tell(last, line, format!("frame cut short after {bytes} of {} bytes", Frame::LENGTH), true);
     }
 
-    fn hear_pc(&mut self, heard: &Heard) {
+    fn hear_pc(&mut self, heard: &LineCharacter) {
         self.pc.1 = heard.at;
         let Some(bytes) = self.talk.pc(heard.at, heard.character) else { return };
         let (text, flaw) = match Frame::parse(bytes) {
@@ -155,7 +155,7 @@ impl Lines {
         self.tell(heard.at, heard.line, text, flaw);
     }
 
-    fn hear_reply(&mut self, heard: &Heard) {
+    fn hear_reply(&mut self, heard: &LineCharacter) {
         let Some(byte) = heard.character.ok() else { return };
         for reply in self.talk.master(heard.at, byte) {
             let (text, flaw) = match reply {
@@ -170,7 +170,7 @@ impl Lines {
         }
     }
 
-    fn hear_part(&mut self, heard: &Heard, slave: Slave) {
+    fn hear_part(&mut self, heard: &LineCharacter, slave: Slave) {
         let length = part_length(slave);
         let conversation = &self.slaves[slave as usize];
         if heard.at.since(conversation.part.last) > PART_GAP {
@@ -209,7 +209,7 @@ impl Lines {
         }
     }
 
-    fn hear_answer(&mut self, heard: &Heard, slave: Slave) {
+    fn hear_answer(&mut self, heard: &LineCharacter, slave: Slave) {
         if self.slaves[slave as usize].part.bytes == [ENQ] {
             self.end_part(slave);
         }
@@ -229,7 +229,7 @@ impl Lines {
     }
 
     /// What follows on an answer that is complete, or on one that has `begun` and is broken.
-    fn begin_answer(&mut self, heard: &Heard, slave: Slave, begun: Option<u8>) {
+    fn begin_answer(&mut self, heard: &LineCharacter, slave: Slave, begun: Option<u8>) {
         let no_answer = |byte: u8| (format!("{byte:02X} is no answer"), true);
         if let Some(byte) = begun {
             let (text, flaw) = no_answer(byte);
@@ -253,7 +253,7 @@ impl Lines {
 }
 
 impl Reader for Lines {
-    fn hear(&mut self, characters: &[Heard]) {
+    fn hear(&mut self, characters: &[LineCharacter]) {
         for heard in characters {
             self.hear_silence(heard.at);
             match self.roles[heard.line] {
@@ -342,7 +342,7 @@ mod tests {
             at += if character.is_some() { CHARACTER } else { Span::from_millis(60) };
             if let Some((line, byte)) = character {
                 let line = layout.line(line).unwrap();
-                heard.push(Heard { at, line, character: Character::good(*byte) });
+                heard.push(LineCharacter { at, line, character: Character::good(*byte) });
             }
         }
         Readers::new(&layout, crate::dialect).messages(&heard).into_iter().map(|message| message.text).collect()

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use torno_bus::{Dialect, Heard, Listener, Message, Reader, Reply, is_stray_byte, no_reply};
+use torno_bus::{Dialect, LineCharacter, Listener, Message, Reader, Reply, is_stray_byte, no_reply};
 use torno_protocol::clock::Clock;
 use torno_protocol::layout::Layout;
 use torno_protocol::servo::{BAUD, Command, CommandDecoder, Heard as Said, PRESENT, TICK, shown};
@@ -238,7 +238,7 @@ impl Lines {
 }
 
 impl Reader for Lines {
-    fn hear(&mut self, characters: &[Heard]) {
+    fn hear(&mut self, characters: &[LineCharacter]) {
         for heard in characters {
             // A download is complete with the silence behind it; it is told where it ended.
             let said = self.talk.silence(heard.at);
@@ -282,7 +282,7 @@ mod tests {
         for character in characters {
             at += if character.is_some() { Span::from_millis(1) } else { Span::from_millis(60) };
             let character = character.map(|(from_pc, byte)| (line(from_pc), Character::good(byte)));
-            heard.extend(character.map(|(line, character)| Heard { at, line, character }));
+            heard.extend(character.map(|(line, character)| LineCharacter { at, line, character }));
         }
         Readers::new(&layout, crate::dialect).messages(&heard).into_iter().map(|message| message.text).collect()
     }
