@@ -1,8 +1,8 @@
 //! A session: a rig that runs, and what is made of everything that happens in it.
 //!
-//! Here alone a rig is advanced: faults begin when they are due, what happens goes into the digest, the telemetry and
-//! the recording, and a recording is ended. Whoever runs a rig looks at what each [step](Session::step) gives, and
-//! decides how far the next one may go.
+//! This is the only place that advances a rig. Faults begin when they are due. What happens goes into the digest, the
+//! telemetry and the recording, and a recording is ended here. A user of a session looks at what each
+//! [step](Session::step) gives, and decides how far the next one may go.
 
 use std::future::Future;
 use std::io;
@@ -554,7 +554,7 @@ mod tests {
 
     #[test]
     fn a_session_in_this_process_that_waits_says_so() {
-        let waits = in_process(async { Ok::<(), RigError>(std::future::pending().await) });
+        let waits = in_process(std::future::pending::<Result<(), RigError>>());
         assert!(matches!(waits, Err(RigError::Waits)));
     }
 }

@@ -224,7 +224,7 @@ impl<'a> Faulty<'a> {
     fn next_noise(&mut self, last: Instant) {
         let Disturbance::Noise { period, width, .. } = self.fault.what else { return };
         // Poisson's: exponentially distributed gaps.
-        let chance = (1 + (self.random.next_u64() >> 11)) as f64 / 2f64.powi(53);
+        let chance = (1 + (self.random.next_u64() >> 11)) as f64 / (1u64 << 53) as f64;
         let gap = Span::from_nanos(1 + (-libm::log(chance) * period.as_nanos() as f64) as u64);
         let width = Span::from_nanos(1 + self.random.next_u64() % width.as_nanos().max(1));
         let from = last + gap;
