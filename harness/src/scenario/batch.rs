@@ -65,7 +65,7 @@ fn run_one(
     let session = record(scenario, driver, recorder);
     let outcome = match driver {
         Driver::InProcess => in_process(session)?,
-        Driver::Processes { .. } => {
+        Driver::Processes { .. } | Driver::ByHand { .. } => {
             let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(RigError::from)?;
             runtime.block_on(session)?
         }
