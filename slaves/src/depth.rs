@@ -59,8 +59,8 @@ impl Firmware {
         self.target.map_or(0, |target| target.saturating_sub(self.count))
     }
 
-    fn start(&mut self, part: DepthSubFrame) {
-        let distance = part.direction().sign() * i64::from(part.distance());
+    fn start(&mut self, sub_frame: DepthSubFrame) {
+        let distance = sub_frame.direction().sign() * i64::from(sub_frame.distance());
         self.target = Some(self.target.unwrap_or(self.count).saturating_add(distance));
         self.settled = 0;
         self.still = 0;
@@ -105,7 +105,7 @@ impl DepthMachine {
 
 impl Machine for DepthMachine {
     type Settings = DepthSettings;
-    type Part = DepthSubFrame;
+    type SubFrame = DepthSubFrame;
 
     fn new(settings: &DepthSettings) -> (Self, u32) {
         let DepthSettings { plant, drive, controller, .. } = settings;
@@ -140,9 +140,9 @@ impl Machine for DepthMachine {
         &mut self.axis
     }
 
-    fn start(&mut self, now: Instant, part: DepthSubFrame) {
+    fn start(&mut self, now: Instant, sub_frame: DepthSubFrame) {
         self.advance(now);
-        self.firmware.start(part);
+        self.firmware.start(sub_frame);
         self.axis.drive(self.drive());
     }
 

@@ -144,7 +144,7 @@ impl Firmware {
 
 impl Machine for SpindleMachine {
     type Settings = SpindleSettings;
-    type Part = SpindleSubFrame;
+    type SubFrame = SpindleSubFrame;
 
     fn new(settings: &SpindleSettings) -> (Self, u32) {
         let SpindleSettings { plant, drive, encoder, controller } = settings;
@@ -177,8 +177,8 @@ impl Machine for SpindleMachine {
         &mut self.rotor
     }
 
-    fn start(&mut self, _now: Instant, part: SpindleSubFrame) {
-        self.firmware.set_point_rpm = i64::from(part.rpm());
+    fn start(&mut self, _now: Instant, sub_frame: SpindleSubFrame) {
+        self.firmware.set_point_rpm = i64::from(sub_frame.rpm());
     }
 
     fn sample(&mut self, now: Instant, busy: bool) -> Progress {

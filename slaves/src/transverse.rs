@@ -81,9 +81,9 @@ impl Firmware {
         }
     }
 
-    fn start(&mut self, part: TransverseSubFrame) {
-        self.profile.go(part.direction().sign() * i64::from(part.distance()), i64::from(part.speed()));
-        self.direction = if part.distance() == 0 { 0 } else { part.direction().sign() };
+    fn start(&mut self, sub_frame: TransverseSubFrame) {
+        self.profile.go(sub_frame.direction().sign() * i64::from(sub_frame.distance()), i64::from(sub_frame.speed()));
+        self.direction = if sub_frame.distance() == 0 { 0 } else { sub_frame.direction().sign() };
         self.holding = true;
         self.settled = 0;
         self.still = 0;
@@ -141,7 +141,7 @@ impl TransverseMachine {
 
 impl Machine for TransverseMachine {
     type Settings = TransverseSettings;
-    type Part = TransverseSubFrame;
+    type SubFrame = TransverseSubFrame;
 
     fn new(settings: &TransverseSettings) -> (Self, u32) {
         let TransverseSettings { plant, drive, controller, .. } = settings;
@@ -180,12 +180,12 @@ impl Machine for TransverseMachine {
         &mut self.axis
     }
 
-    fn start(&mut self, now: Instant, part: TransverseSubFrame) {
+    fn start(&mut self, now: Instant, sub_frame: TransverseSubFrame) {
         if !self.firmware.holding {
             let count = self.advance(now);
             self.firmware.stand_at(count);
         }
-        self.firmware.start(part);
+        self.firmware.start(sub_frame);
     }
 
     fn sample(&mut self, now: Instant, busy: bool) -> Progress {
@@ -251,10 +251,10 @@ mod tests {
         ended: Option<(usize, Progress)>,
     }
 
-    fn run(settings: &TransverseSettings, part: [u8; 4], samples: usize) -> Run {
+    fn run(settings: &TransverseSettings, sub_frame: [u8; 4], samples: usize) -> Run {
         let (mut machine, _) = TransverseMachine::new(settings);
         let mut now = Instant::START;
-        machine.start(now, TransverseSubFrame::parse(part).unwrap());
+        machine.start(now, TransverseSubFrame::parse(sub_frame).unwrap());
         let mut run = Run { path: Vec::new(), ended: None };
         for n in 0..samples {
             let progress = machine.sample(now, run.ended.is_none());
