@@ -15,7 +15,7 @@ use torno::sweep::{self, Run, SweepError, Variation};
 use torno_bus::Names;
 use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{
-    DepthPart, Frame, Program, ProgramError, Reply, ReplyDecoder, SpindlePart, TransversePart,
+    DepthSubFrame, Frame, Program, ProgramError, Reply, ReplyDecoder, SpindleSubFrame, TransverseSubFrame,
 };
 use torno_protocol::record::{self, FromBoard, ToBoard};
 use torno_protocol::servo::{CHARACTER, Command, CommandDecoder};
@@ -372,11 +372,11 @@ fn lathe_bytes(bytes: &[u8]) {
             assert_eq!(read.emit(), *frame);
         }
         let part = |range: Range<usize>| &frame[range];
-        let spindle = part(0..1).first_chunk().and_then(|bytes| SpindlePart::parse(*bytes).ok());
+        let spindle = part(0..1).first_chunk().and_then(|bytes| SpindleSubFrame::parse(*bytes).ok());
         assert!(spindle.is_none_or(|read| read.emit()[..] == frame[..1]));
-        let transverse = part(1..5).first_chunk().and_then(|bytes| TransversePart::parse(*bytes).ok());
+        let transverse = part(1..5).first_chunk().and_then(|bytes| TransverseSubFrame::parse(*bytes).ok());
         assert!(transverse.is_none_or(|read| read.emit()[..] == frame[1..5]));
-        let depth = part(5..8).first_chunk().and_then(|bytes| DepthPart::parse(*bytes).ok());
+        let depth = part(5..8).first_chunk().and_then(|bytes| DepthSubFrame::parse(*bytes).ok());
         assert!(depth.is_none_or(|read| read.emit()[..] == frame[5..]));
     }
     let mut decoder = ReplyDecoder::default();

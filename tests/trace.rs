@@ -496,7 +496,7 @@ fn the_first_difference_is_named() {
     assert!(shown.starts_with("first difference at 0.0"), "{shown}");
     assert!(shown.contains(" on pc\n") || shown.contains(" on pc_to_master\n"), "{shown}");
     assert!(shown.contains("sent 225") && shown.contains("sent 224"), "{shown}");
-    assert!(shown.contains("> part: spindle 200 rpm"), "what was before is shown:\n{shown}");
+    assert!(shown.contains("> sub-frame: spindle 200 rpm"), "what was before is shown:\n{shown}");
     let difference = json(&on(1, &["diff", "--json", word(&a), word(&b)]));
     assert_eq!(difference["identical"], false);
     assert_eq!(difference["difference"]["place"], "pc");

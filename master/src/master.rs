@@ -134,7 +134,7 @@ impl Master {
         }
     }
 
-    /// Every slave has its part.
+    /// Every slave has its sub-frame.
     fn distributed(&mut self, now: Instant) {
         self.links.distribution = None;
         self.reception.distributed();
@@ -269,7 +269,7 @@ impl Links {
         link.clear_at = now + CHARACTER.times(2) + AFTER_ENQUIRY;
     }
 
-    /// Puts the three parts into the transmitters: all start on the same tick. Says whether it could do so already.
+    /// Puts the sub-frames into the transmitters: all start on the same tick. Says whether it could do so already.
     fn distribute(&mut self, now: Instant, frame: Frame) -> bool {
         let clear = self.links.iter().map(|link| link.clear_at).max().unwrap_or(now);
         if clear > now {
@@ -277,9 +277,9 @@ impl Links {
             return false;
         }
         let (spindle, transverse, depth) = (frame.spindle.emit(), frame.transverse.emit(), frame.depth.emit());
-        let parts: [&[u8]; 3] = [&spindle, &transverse, &depth];
-        for (link, part) in self.links.iter_mut().zip(parts) {
-            part.iter().for_each(|byte| link.transmitter.push(*byte));
+        let sub_frames: [&[u8]; 3] = [&spindle, &transverse, &depth];
+        for (link, sub_frame) in self.links.iter_mut().zip(sub_frames) {
+            sub_frame.iter().for_each(|byte| link.transmitter.push(*byte));
             link.supervision.start(now);
         }
         self.distribution = Some(Distribution::Sending);

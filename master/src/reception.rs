@@ -30,7 +30,7 @@ pub trait Slaves {
 /// What a character of the PC calls for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Order {
-    /// The frame is to be executed. Once every slave has its part, [`Reception::distributed`] is to be told.
+    /// The frame is to be executed. Once every slave has its sub-frame, [`Reception::distributed`] is to be told.
     Start(Frame),
     /// The frame is refused because this slave does not answer. If it answers an enquiry, the next is executed.
     Enquire(Slave),
@@ -226,7 +226,7 @@ impl Reception {
         None
     }
 
-    /// Every slave has its part of the frame.
+    /// Every slave has its sub-frame.
     pub fn distributed(&mut self) {
         self.distributed += 1;
         self.event(Event::Distributed, self.distributed);

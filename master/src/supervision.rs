@@ -1,4 +1,4 @@
-//! Supervises one slave: knows whether it is busy, enquires while it is, and counts the parts that it is given.
+//! Supervises one slave: knows whether it is busy, enquires while it is, and counts the sub-frames that it is given.
 
 use torno_protocol::lathe::{ACK, BEL, CAN, Fault, Parity};
 use torno_protocol::time::{Instant, Span};
@@ -23,7 +23,7 @@ pub(crate) struct Supervision {
     unknown: bool,
     /// What it says once it has executed what it was given, if the master has the count.
     parity: Option<Parity>,
-    /// Its parity did not fit: unless the next answer tells otherwise, it has missed its part.
+    /// Its parity did not fit: unless the next answer tells otherwise, it has missed its sub-frame.
     doubted: bool,
     /// `ACK` or `CAN` has come; the letter that follows says which or why.
     awaiting: Option<u8>,
@@ -81,7 +81,7 @@ impl Supervision {
         self.patience = patience;
     }
 
-    /// The slave is being given its part of a frame. One that does not answer gets it too, but is not waited for.
+    /// The slave is being given its sub-frame. One that does not answer gets it too, but is not waited for.
     pub(crate) fn start(&mut self, now: Instant) {
         self.awaiting = None;
         self.failed = None;
@@ -176,7 +176,7 @@ impl Supervision {
         let fits = self.parity.is_none_or(|expected| expected == parity);
         match self.state {
             State::Busy { next_period, .. } if !fits && !self.doubted => {
-                // It may have been said before the part was sent. When that has arrived, the slave is asked.
+                // It may have been said before the sub-frame was sent. When that has arrived, the slave is asked.
                 self.doubted = true;
                 self.state = State::Busy { deadline: now + self.patience.answer, unanswered: 0, next_period };
                 Report::Nothing
@@ -326,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn a_missed_part_is_a_fault_only_of_a_slave_that_was_given_one() {
+    fn a_missed_sub_frame_is_a_fault_only_of_a_slave_that_was_given_one() {
         let garbled = |mut slave: Supervision| [CAN, b'g'].map(|byte| slave.byte(ms(1_001), byte))[1];
         assert_eq!(garbled(busy()), Report::Failed(Fault::Garbled));
         assert_eq!(garbled(idle()), Report::Nothing);
@@ -342,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn an_idle_slave_that_has_taken_nothing_has_missed_its_part() {
+    fn an_idle_slave_that_has_taken_nothing_has_missed_its_sub_frame() {
         let mut slave = busy();
         assert_eq!(say(&mut slave, ODD), Report::Done);
         slave.start(ms(1_100));
@@ -467,7 +467,7 @@ mod tests {
     }
 
     #[test]
-    fn a_parity_that_did_not_fit_is_no_doubt_about_the_next_part() {
+    fn a_parity_that_did_not_fit_is_no_doubt_about_the_next_sub_frame() {
         let mut slave = busy();
         assert_eq!(say(&mut slave, EVEN), Report::Nothing);
         assert_eq!(say(&mut slave, EVEN), Report::Failed(Fault::Garbled));

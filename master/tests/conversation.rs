@@ -27,8 +27,8 @@ struct Bench {
     receivers: Vec<Receiver>,
     /// Telemetry and events.
     outputs: Vec<Output>,
-    /// How many parts each slave has executed.
-    parts: [u64; 3],
+    /// How many sub-frames each slave has executed.
+    sub_frames: [u64; 3],
 }
 
 impl Bench {
@@ -51,7 +51,7 @@ impl Bench {
         transmitters[0] = Transmitter::hardware(baud, Clock::TRUE);
         let receivers = vec![Receiver::hardware(RATE, Clock::TRUE); 4];
         let now = Instant::from_nanos(1_000_000);
-        Self { cell: Cell::new(master), now, transmitters, receivers, outputs: Vec::new(), parts: [0; 3] }
+        Self { cell: Cell::new(master), now, transmitters, receivers, outputs: Vec::new(), sub_frames: [0; 3] }
     }
 
     /// The master, just started, asks all slaves; these answer so.
@@ -119,10 +119,10 @@ impl Bench {
         self.outputs.drain(..).map(word).collect()
     }
 
-    /// A slave reports one part more.
+    /// A slave reports one sub-frame more.
     fn done(&mut self, port: usize) {
-        self.parts[port - 1] += 1;
-        let parity = if self.parts[port - 1].is_multiple_of(2) { EVEN } else { ODD };
+        self.sub_frames[port - 1] += 1;
+        let parity = if self.sub_frames[port - 1].is_multiple_of(2) { EVEN } else { ODD };
         self.send(port, &parity);
     }
 
@@ -150,7 +150,7 @@ fn a_frame_reaches_the_slaves_in_parts_and_is_acknowledged() {
 }
 
 #[test]
-fn the_acknowledgement_comes_when_the_longest_part_is_out() {
+fn the_acknowledgement_comes_when_the_longest_sub_frame_is_out() {
     let mut bench = Bench::new();
     bench.send(0, &FRAME);
     let sent = bench.now;
@@ -200,7 +200,7 @@ fn an_invalid_frame_is_refused_at_once_also_while_slaves_are_busy() {
 }
 
 #[test]
-fn a_part_of_a_frame_is_discarded_after_50_ms() {
+fn what_has_come_of_a_frame_is_discarded_after_50_ms() {
     let mut bench = Bench::new();
     bench.send(0, &FRAME[..5]);
     bench.run(ms(60));
@@ -270,7 +270,7 @@ fn one_unanswered_enquiry_is_not_enough_to_give_a_slave_up() {
 }
 
 #[test]
-fn a_slave_that_missed_its_part_has_failed_and_takes_the_next_frame() {
+fn a_slave_that_missed_its_sub_frame_has_failed_and_takes_the_next_frame() {
     let mut bench = Bench::new();
     bench.send(0, &FRAME);
     [1, 2].into_iter().for_each(|port| bench.done(port));
@@ -361,7 +361,7 @@ fn a_frame_that_needs_a_lost_slave_is_refused_until_it_answers() {
 }
 
 #[test]
-fn silence_lies_between_an_enquiry_and_the_next_part() {
+fn silence_lies_between_an_enquiry_and_the_next_sub_frame() {
     let mut bench = Bench::new();
     bench.send(0, &[FRAME, AT_REST].concat());
     // The second has come while the first was distributed.
@@ -461,7 +461,7 @@ fn an_answer_that_is_spoilt_between_its_characters_is_none() {
 }
 
 #[test]
-fn an_idle_slave_that_has_taken_nothing_has_missed_its_part() {
+fn an_idle_slave_that_has_taken_nothing_has_missed_its_sub_frame() {
     let mut bench = Bench::new();
     bench.send(0, &FRAME);
     [1, 3].into_iter().for_each(|port| bench.done(port));
@@ -708,8 +708,8 @@ proptest! {
         bench.send(0, &FRAME);
         bench.run(ms(15));
         prop_assert_eq!(bench.received(0), vec![ACK]);
-        let parts: Vec<Vec<u8>> = Slave::ALL.iter().map(|slave| bench.received(*slave as usize + 1)).collect();
-        prop_assert_eq!(parts, vec![FRAME[..1].to_vec(), FRAME[1..5].to_vec(), FRAME[5..].to_vec()]);
+        let sub_frames: Vec<Vec<u8>> = Slave::ALL.iter().map(|slave| bench.received(*slave as usize + 1)).collect();
+        prop_assert_eq!(sub_frames, vec![FRAME[..1].to_vec(), FRAME[1..5].to_vec(), FRAME[5..].to_vec()]);
     }
 }
 

@@ -1,7 +1,7 @@
 //! The infeed axis's board (§4): a slow motor that is switched on and off.
 
 use torno_protocol::board::{Capability, Role, Signal};
-use torno_protocol::lathe::{DepthPart, Fault};
+use torno_protocol::lathe::{DepthSubFrame, Fault};
 use torno_protocol::time::Instant;
 
 use crate::control::OnOff;
@@ -20,7 +20,7 @@ const IN_POSITION: i64 = 1;
 /// The infeed axis's board.
 ///
 /// It executes a sub-frame until the drive is off and the axis has been within one slot of its target for four polls.
-pub type Depth = Slave<DepthMachine, { DepthPart::LENGTH }>;
+pub type Depth = Slave<DepthMachine, { DepthSubFrame::LENGTH }>;
 
 /// What the infeed axis's board does but for the link to its master.
 pub type DepthTask = Task<DepthMachine>;
@@ -59,8 +59,8 @@ impl Firmware {
         self.target.map_or(0, |target| target.saturating_sub(self.count))
     }
 
-    fn start(&mut self, part: DepthPart) {
-        let distance = part.direction().sign() * i64::from(part.distance());
+    fn start(&mut self, sub_frame: DepthSubFrame) {
+        let distance = sub_frame.direction().sign() * i64::from(sub_frame.distance());
         self.target = Some(self.target.unwrap_or(self.count).saturating_add(distance));
         self.settled = 0;
         self.still = 0;
@@ -105,7 +105,7 @@ impl DepthMachine {
 
 impl Machine for DepthMachine {
     type Settings = DepthSettings;
-    type Part = DepthPart;
+    type SubFrame = DepthSubFrame;
 
     fn new(settings: &DepthSettings) -> (Self, u32) {
         let DepthSettings { plant, drive, controller, .. } = settings;
@@ -140,9 +140,9 @@ impl Machine for DepthMachine {
         &mut self.axis
     }
 
-    fn start(&mut self, now: Instant, part: DepthPart) {
+    fn start(&mut self, now: Instant, sub_frame: DepthSubFrame) {
         self.advance(now);
-        self.firmware.start(part);
+        self.firmware.start(sub_frame);
         self.axis.drive(self.drive());
     }
 

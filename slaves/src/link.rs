@@ -91,7 +91,7 @@ pub(crate) struct Link<const N: usize> {
     parity: Parity,
     /// It has started anew and has not been asked since.
     untold: bool,
-    part: [u8; N],
+    sub_frame: [u8; N],
     length: usize,
     /// After the last character: the silence that separates sub-frames is over.
     gap_at: Instant,
@@ -109,7 +109,7 @@ impl<const N: usize> Link<N> {
             state: State::Faulted(Fault::Restarted),
             parity: Parity::default(),
             untold: true,
-            part: [0; N],
+            sub_frame: [0; N],
             length: 0,
             gap_at: Instant::START,
             out_of_step: false,
@@ -145,7 +145,7 @@ impl<const N: usize> Link<N> {
             self.tell(Event::Dropped, i64::from(byte));
             return self.lose_step();
         }
-        self.part[self.length] = byte;
+        self.sub_frame[self.length] = byte;
         self.length += 1;
         if self.length < N {
             return None;
@@ -155,7 +155,7 @@ impl<const N: usize> Link<N> {
             self.tell(Event::Refused, i64::from(Fault::Restarted.letter()));
             return None;
         }
-        Some(self.part)
+        Some(self.sub_frame)
     }
 
     /// The sub-frame cannot be executed. The master is told nothing: it asks.
@@ -243,7 +243,7 @@ impl<const N: usize> Link<N> {
 
     /// A sub-frame may begin with the byte of an enquiry; only the silence after it tells them apart.
     fn holds_enquiry(&self) -> bool {
-        self.length == 1 && self.part[0] == ENQ
+        self.length == 1 && self.sub_frame[0] == ENQ
     }
 
     fn answer(&mut self) {

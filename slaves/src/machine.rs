@@ -22,7 +22,7 @@ pub trait Machine {
         Self: Sized;
 
     /// The sub-frame that it executes.
-    type Part
+    type SubFrame
     where
         Self: Sized;
 
@@ -44,7 +44,7 @@ pub trait Machine {
     fn plant(&mut self) -> &mut dyn Plant;
 
     /// Starts to execute a sub-frame.
-    fn start(&mut self, now: Instant, part: Self::Part)
+    fn start(&mut self, now: Instant, sub_frame: Self::SubFrame)
     where
         Self: Sized;
 

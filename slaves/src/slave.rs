@@ -19,16 +19,16 @@ pub struct Slave<M, const N: usize> {
     now: Instant,
 }
 
-impl<M: Machine<Part: TryFrom<[u8; N], Error = Refusal>>, const N: usize> Slave<M, N> {
+impl<M: Machine<SubFrame: TryFrom<[u8; N], Error = Refusal>>, const N: usize> Slave<M, N> {
     /// A board as at power-on: the motor stands, an axis in mid-travel.
     pub fn new(settings: &M::Settings, clock: Clock) -> Self {
         Self { task: Task::new(settings, clock), link: Link::new(clock), clock, now: Instant::START }
     }
 
-    fn execute(&mut self, now: Instant, part: [u8; N]) {
-        match M::Part::try_from(part) {
-            Ok(part) => {
-                self.task.start(now, part);
+    fn execute(&mut self, now: Instant, sub_frame: [u8; N]) {
+        match M::SubFrame::try_from(sub_frame) {
+            Ok(sub_frame) => {
+                self.task.start(now, sub_frame);
                 self.link.start();
             }
             Err(refusal) => self.link.refuse(refusal),
@@ -73,7 +73,7 @@ impl<M: Machine<Part: TryFrom<[u8; N], Error = Refusal>>, const N: usize> Slave<
 
 impl<M, const N: usize> Board for Slave<M, N>
 where
-    M: Machine<Part: TryFrom<[u8; N], Error = Refusal>> + Clone,
+    M: Machine<SubFrame: TryFrom<[u8; N], Error = Refusal>> + Clone,
 {
     fn description(&self) -> Description {
         Description {
@@ -94,8 +94,8 @@ where
         self.now = now;
         match input {
             Input::Character { character, .. } => {
-                if let Some(part) = self.link.receive(now, character) {
-                    self.execute(now, part);
+                if let Some(sub_frame) = self.link.receive(now, character) {
+                    self.execute(now, sub_frame);
                 }
             }
             Input::Stimulus(stimulus) => self.stimulus(now, &stimulus),

@@ -1,7 +1,7 @@
 //! The main motor's board (§4, Eq. 1 to 7): speed counted in windows, a lead compensator, a PWM of 10 bits.
 
 use torno_protocol::board::{Capability, Role, Signal};
-use torno_protocol::lathe::{Fault, SpindlePart};
+use torno_protocol::lathe::{Fault, SpindleSubFrame};
 use torno_protocol::time::Instant;
 
 use crate::control::Lead;
@@ -25,7 +25,7 @@ const RPM: f64 = core::f64::consts::TAU / 60.0;
 /// The main motor's board.
 ///
 /// It executes a sub-frame until the mean of eight windows is within half a count of the set point, and regulates on.
-pub type Spindle = Slave<SpindleMachine, { SpindlePart::LENGTH }>;
+pub type Spindle = Slave<SpindleMachine, { SpindleSubFrame::LENGTH }>;
 
 /// What the main motor's board does but for the link to its master.
 pub type SpindleTask = Task<SpindleMachine>;
@@ -144,7 +144,7 @@ impl Firmware {
 
 impl Machine for SpindleMachine {
     type Settings = SpindleSettings;
-    type Part = SpindlePart;
+    type SubFrame = SpindleSubFrame;
 
     fn new(settings: &SpindleSettings) -> (Self, u32) {
         let SpindleSettings { plant, drive, encoder, controller } = settings;
@@ -177,8 +177,8 @@ impl Machine for SpindleMachine {
         &mut self.rotor
     }
 
-    fn start(&mut self, _now: Instant, part: SpindlePart) {
-        self.firmware.set_point_rpm = i64::from(part.rpm());
+    fn start(&mut self, _now: Instant, sub_frame: SpindleSubFrame) {
+        self.firmware.set_point_rpm = i64::from(sub_frame.rpm());
     }
 
     fn sample(&mut self, now: Instant, busy: bool) -> Progress {
@@ -246,7 +246,7 @@ mod tests {
         }
 
         fn go(&mut self, rpm: u16, windows: usize) -> Vec<f64> {
-            self.machine.start(self.now, SpindlePart::parse([u8::try_from(rpm / 20).unwrap()]).unwrap());
+            self.machine.start(self.now, SpindleSubFrame::parse([u8::try_from(rpm / 20).unwrap()]).unwrap());
             let window = |_| {
                 self.machine.sample(self.now, true);
                 self.now += WINDOW;
@@ -270,7 +270,7 @@ mod tests {
         weak.plant.km_rad_per_s_volt = 0.0;
         let fails = |busy: bool, blocked: bool| {
             let (mut machine, _) = SpindleMachine::new(&weak);
-            machine.start(Instant::START, SpindlePart::parse([75]).unwrap());
+            machine.start(Instant::START, SpindleSubFrame::parse([75]).unwrap());
             machine.plant().disturb(Instant::START, &MotorStimulus::Stall(blocked));
             (0..100).any(|n| machine.sample(Instant::START + WINDOW.times(n), busy) == Progress::Failed(Fault::Stalled))
         };

@@ -30,8 +30,8 @@ impl<M: Machine> Task<M> {
     }
 
     /// Starts to execute a sub-frame.
-    pub fn start(&mut self, now: Instant, part: M::Part) {
-        self.machine.start(now, part);
+    pub fn start(&mut self, now: Instant, sub_frame: M::SubFrame) {
+        self.machine.start(now, sub_frame);
         self.schedule.start(now);
     }
 }

@@ -1,7 +1,7 @@
 //! The feed axis's board (§4, Eq. 8 to 15): a set point that moves along a trapezoid, and a PID that follows it.
 
 use torno_protocol::board::{Capability, Role, Signal};
-use torno_protocol::lathe::{Fault, TransversePart};
+use torno_protocol::lathe::{Fault, TransverseSubFrame};
 use torno_protocol::time::Instant;
 
 use crate::control::{Gains, Pid, Profile};
@@ -22,7 +22,7 @@ const STALL_MS: u32 = 1_020;
 ///
 /// It executes a sub-frame until the set point has arrived and the axis has been within one count of it for four
 /// samples; then it holds the axis there.
-pub type Transverse = Slave<TransverseMachine, { TransversePart::LENGTH }>;
+pub type Transverse = Slave<TransverseMachine, { TransverseSubFrame::LENGTH }>;
 
 /// What the feed axis's board does but for the link to its master.
 pub type TransverseTask = Task<TransverseMachine>;
@@ -81,9 +81,9 @@ impl Firmware {
         }
     }
 
-    fn start(&mut self, part: TransversePart) {
-        self.profile.go(part.direction().sign() * i64::from(part.distance()), i64::from(part.speed()));
-        self.direction = if part.distance() == 0 { 0 } else { part.direction().sign() };
+    fn start(&mut self, sub_frame: TransverseSubFrame) {
+        self.profile.go(sub_frame.direction().sign() * i64::from(sub_frame.distance()), i64::from(sub_frame.speed()));
+        self.direction = if sub_frame.distance() == 0 { 0 } else { sub_frame.direction().sign() };
         self.holding = true;
         self.settled = 0;
         self.still = 0;
@@ -141,7 +141,7 @@ impl TransverseMachine {
 
 impl Machine for TransverseMachine {
     type Settings = TransverseSettings;
-    type Part = TransversePart;
+    type SubFrame = TransverseSubFrame;
 
     fn new(settings: &TransverseSettings) -> (Self, u32) {
         let TransverseSettings { plant, drive, controller, .. } = settings;
@@ -180,12 +180,12 @@ impl Machine for TransverseMachine {
         &mut self.axis
     }
 
-    fn start(&mut self, now: Instant, part: TransversePart) {
+    fn start(&mut self, now: Instant, sub_frame: TransverseSubFrame) {
         if !self.firmware.holding {
             let count = self.advance(now);
             self.firmware.stand_at(count);
         }
-        self.firmware.start(part);
+        self.firmware.start(sub_frame);
     }
 
     fn sample(&mut self, now: Instant, busy: bool) -> Progress {
@@ -251,10 +251,10 @@ mod tests {
         ended: Option<(usize, Progress)>,
     }
 
-    fn run(settings: &TransverseSettings, part: [u8; 4], samples: usize) -> Run {
+    fn run(settings: &TransverseSettings, sub_frame: [u8; 4], samples: usize) -> Run {
         let (mut machine, _) = TransverseMachine::new(settings);
         let mut now = Instant::START;
-        machine.start(now, TransversePart::parse(part).unwrap());
+        machine.start(now, TransverseSubFrame::parse(sub_frame).unwrap());
         let mut run = Run { path: Vec::new(), ended: None };
         for n in 0..samples {
             let progress = machine.sample(now, run.ended.is_none());
@@ -285,7 +285,7 @@ mod tests {
     fn without_feed_forward_the_axis_would_lag_ten_times_as_far() {
         let (mut machine, _) = TransverseMachine::new(&TransverseSettings::default());
         machine.firmware.feed_forward = (0.0, 0.0);
-        machine.start(Instant::START, TransversePart::parse([112, 0x23, 0x28, 0]).unwrap());
+        machine.start(Instant::START, TransverseSubFrame::parse([112, 0x23, 0x28, 0]).unwrap());
         let lags = (0..150u64).map(|n| {
             machine.sample(Instant::START + SAMPLE.times(n), true);
             (machine.firmware.profile.set_point() - machine.firmware.count).abs()

@@ -71,7 +71,7 @@ impl Gateway {
 pub struct Board {
     /// Its name, unique in the rig.
     pub name: String,
-    /// Its kind: see [`kinds::NAMES`].
+    /// Its kind: see [`kinds::names`].
     pub kind: String,
     /// Its oscillator.
     pub clock: Clock,

@@ -27,7 +27,7 @@ struct Tasks {
     spindle: SpindleTask,
     transverse: TransverseTask,
     depth: DepthTask,
-    /// Those that are executing their part of a frame.
+    /// Those that are executing their sub-frame.
     busy: [bool; 3],
 }
 

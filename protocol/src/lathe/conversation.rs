@@ -11,7 +11,7 @@ pub struct Conversation {
     pub accepted: usize,
     /// Times a frame was held.
     pub held: usize,
-    /// Frames or parts refused, with the reason.
+    /// Frames refused, whole or cut short, with the reason.
     pub refusals: Vec<Refusal>,
     /// Boards that failed.
     pub failures: Vec<(Party, Fault)>,

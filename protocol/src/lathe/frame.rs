@@ -1,4 +1,4 @@
-//! The frame: eight bytes from the PC, and the part of it that each slave gets (paper, §3).
+//! The frame: eight bytes from the PC, and the sub-frame of it that each slave gets (paper, §3).
 //!
 //! | byte | meaning | unit | range |
 //! |---|---|---|---|
@@ -19,23 +19,23 @@ pub(super) const LENGTH: usize = 8;
 /// A frame that may be executed: every field is in range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Frame {
-    /// The spindle's part.
-    pub spindle: SpindlePart,
-    /// The transverse axis's part.
-    pub transverse: TransversePart,
-    /// The depth axis's part.
-    pub depth: DepthPart,
+    /// The spindle's sub-frame.
+    pub spindle: SpindleSubFrame,
+    /// The transverse axis's sub-frame.
+    pub transverse: TransverseSubFrame,
+    /// The depth axis's sub-frame.
+    pub depth: DepthSubFrame,
 }
 
 /// One byte: the spindle's set point.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct SpindlePart {
+pub struct SpindleSubFrame {
     speed: u8,
 }
 
 /// Four bytes: how fast, how far and which way the transverse axis goes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct TransversePart {
+pub struct TransverseSubFrame {
     speed: u8,
     distance: u16,
     direction: Direction,
@@ -43,7 +43,7 @@ pub struct TransversePart {
 
 /// Three bytes: how far and which way the depth axis goes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct DepthPart {
+pub struct DepthSubFrame {
     distance: u16,
     direction: Direction,
 }
@@ -142,9 +142,9 @@ impl Frame {
     pub fn parse(bytes: [u8; LENGTH]) -> Result<Self, Refusal> {
         let [spindle, speed, high, low, direction, depth_high, depth_low, depth_direction] = bytes;
         Ok(Self {
-            spindle: SpindlePart::parse([spindle])?,
-            transverse: TransversePart::parse([speed, high, low, direction])?,
-            depth: DepthPart::parse([depth_high, depth_low, depth_direction])?,
+            spindle: SpindleSubFrame::parse([spindle])?,
+            transverse: TransverseSubFrame::parse([speed, high, low, direction])?,
+            depth: DepthSubFrame::parse([depth_high, depth_low, depth_direction])?,
         })
     }
 
@@ -158,13 +158,13 @@ impl Frame {
     }
 }
 
-impl SpindlePart {
-    /// Bytes of this part.
+impl SpindleSubFrame {
+    /// Bytes of this sub-frame.
     pub const LENGTH: usize = 1;
     /// Revolutions per minute of one unit: with 50 pulses a revolution and 30 ms it is half an encoder count.
     pub const RPM_PER_UNIT: u16 = 20;
 
-    /// Reads the part: 0 stops, 10 to 200 is 200 to 4000 rpm (paper, §1.1).
+    /// Reads the sub-frame: 0 stops, 10 to 200 is 200 to 4000 rpm (paper, §1.1).
     ///
     /// # Errors
     /// [`Refusal::Speed`] for anything else.
@@ -191,13 +191,13 @@ impl SpindlePart {
     }
 }
 
-impl TransversePart {
-    /// Bytes of this part.
+impl TransverseSubFrame {
+    /// Bytes of this sub-frame.
     pub const LENGTH: usize = 4;
     /// The fastest speed, in counts per 30 ms: 500 rpm at 900 counts a revolution (paper, §4).
     pub const SPEED_MAX: u8 = 225;
 
-    /// Reads the part.
+    /// Reads the sub-frame.
     ///
     /// # Errors
     /// [`Refusal::Speed`] above [`Self::SPEED_MAX`] or if a distance would never be covered, [`Refusal::Direction`].
@@ -231,11 +231,11 @@ impl TransversePart {
     }
 }
 
-impl DepthPart {
-    /// Bytes of this part.
+impl DepthSubFrame {
+    /// Bytes of this sub-frame.
     pub const LENGTH: usize = 3;
 
-    /// Reads the part.
+    /// Reads the sub-frame.
     ///
     /// # Errors
     /// [`Refusal::Direction`].
@@ -260,26 +260,26 @@ impl DepthPart {
     }
 }
 
-impl TryFrom<[u8; SpindlePart::LENGTH]> for SpindlePart {
+impl TryFrom<[u8; SpindleSubFrame::LENGTH]> for SpindleSubFrame {
     type Error = Refusal;
 
-    fn try_from(bytes: [u8; SpindlePart::LENGTH]) -> Result<Self, Refusal> {
+    fn try_from(bytes: [u8; SpindleSubFrame::LENGTH]) -> Result<Self, Refusal> {
         Self::parse(bytes)
     }
 }
 
-impl TryFrom<[u8; TransversePart::LENGTH]> for TransversePart {
+impl TryFrom<[u8; TransverseSubFrame::LENGTH]> for TransverseSubFrame {
     type Error = Refusal;
 
-    fn try_from(bytes: [u8; TransversePart::LENGTH]) -> Result<Self, Refusal> {
+    fn try_from(bytes: [u8; TransverseSubFrame::LENGTH]) -> Result<Self, Refusal> {
         Self::parse(bytes)
     }
 }
 
-impl TryFrom<[u8; DepthPart::LENGTH]> for DepthPart {
+impl TryFrom<[u8; DepthSubFrame::LENGTH]> for DepthSubFrame {
     type Error = Refusal;
 
-    fn try_from(bytes: [u8; DepthPart::LENGTH]) -> Result<Self, Refusal> {
+    fn try_from(bytes: [u8; DepthSubFrame::LENGTH]) -> Result<Self, Refusal> {
         Self::parse(bytes)
     }
 }
@@ -361,10 +361,10 @@ mod tests {
     }
 
     #[test]
-    fn each_part_goes_over_its_own_wire_byte_by_byte() {
+    fn each_sub_frame_goes_over_its_own_wire_byte_by_byte() {
         for units in [0, 10, 75, 200] {
-            let part = SpindlePart::parse([units]).unwrap();
-            assert_eq!((part.emit(), part.units(), part.rpm()), ([units], units, 20 * u16::from(units)));
+            let sub_frame = SpindleSubFrame::parse([units]).unwrap();
+            assert_eq!((sub_frame.emit(), sub_frame.units(), sub_frame.rpm()), ([units], units, 20 * u16::from(units)));
         }
         for (bytes, speed, distance, direction) in [
             ([0, 0, 0, 0], 0, 0, Direction::Positive),
@@ -372,29 +372,29 @@ mod tests {
             ([1, 0x01, 0x02, 0], 1, 0x0102, Direction::Positive),
             ([225, 0xff, 0xfe, 1], 225, 0xfffe, Direction::Negative),
         ] {
-            let part = TransversePart::parse(bytes).unwrap();
-            assert_eq!((part.speed(), part.distance(), part.direction()), (speed, distance, direction));
-            assert_eq!(part.emit(), bytes);
+            let sub_frame = TransverseSubFrame::parse(bytes).unwrap();
+            assert_eq!((sub_frame.speed(), sub_frame.distance(), sub_frame.direction()), (speed, distance, direction));
+            assert_eq!(sub_frame.emit(), bytes);
         }
         for (bytes, distance, direction) in [
             ([0, 0, 0], 0, Direction::Positive),
             ([0x01, 0x02, 1], 0x0102, Direction::Negative),
             ([0xff, 0xfe, 0], 0xfffe, Direction::Positive),
         ] {
-            let part = DepthPart::parse(bytes).unwrap();
-            assert_eq!((part.distance(), part.direction()), (distance, direction));
-            assert_eq!(part.emit(), bytes);
+            let sub_frame = DepthSubFrame::parse(bytes).unwrap();
+            assert_eq!((sub_frame.distance(), sub_frame.direction()), (distance, direction));
+            assert_eq!(sub_frame.emit(), bytes);
         }
     }
 
     #[test]
-    fn a_part_out_of_range_is_refused() {
-        assert_eq!([1, 9, 201, 255].map(|units| SpindlePart::parse([units])), [Err(Refusal::Speed); 4]);
+    fn a_sub_frame_out_of_range_is_refused() {
+        assert_eq!([1, 9, 201, 255].map(|units| SpindleSubFrame::parse([units])), [Err(Refusal::Speed); 4]);
         for bytes in [[226, 0, 1, 0], [0, 0, 1, 0], [0, 1, 0, 0], [255, 0, 0, 9]] {
-            assert_eq!(TransversePart::parse(bytes), Err(Refusal::Speed), "{bytes:?}");
+            assert_eq!(TransverseSubFrame::parse(bytes), Err(Refusal::Speed), "{bytes:?}");
         }
-        assert_eq!(TransversePart::parse([1, 0, 1, 2]), Err(Refusal::Direction));
-        assert_eq!(DepthPart::parse([0, 1, 2]), Err(Refusal::Direction));
+        assert_eq!(TransverseSubFrame::parse([1, 0, 1, 2]), Err(Refusal::Direction));
+        assert_eq!(DepthSubFrame::parse([0, 1, 2]), Err(Refusal::Direction));
     }
 
     /// The bytes of frames that may be executed.

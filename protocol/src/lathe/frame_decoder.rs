@@ -6,8 +6,9 @@ use crate::clock::Clock;
 use crate::time::{Instant, Span};
 use crate::uart::Character;
 
-/// What a PC has already loaded still comes after it has been told to stop: a part whose last byte comes within this
-/// time of the `XOFF` waits for the `XON`. (Ours: one character of `XOFF` itself, two in the PC's UART.)
+/// What a PC has already loaded still comes after it has been told to stop: what has come of a frame waits for the
+/// `XON` if its last byte comes within this time of the `XOFF`. (Ours: one character of `XOFF` itself, two in the PC's
+/// UART.)
 const STOPPING: Span = CHARACTER.times(3);
 
 /// A frame's bytes, in range or not.
@@ -98,7 +99,7 @@ impl FrameDecoder {
         self.deadline.filter(|_| !self.waits_for_the_pc_to_go_on())
     }
 
-    /// A part has come while the PC was stopping: its silence means nothing.
+    /// A frame has begun while the PC was stopping: its silence means nothing.
     fn waits_for_the_pc_to_go_on(&self) -> bool {
         let stopping = self.stopped_at.is_some_and(|stopped| self.last <= stopped + self.stopping);
         self.mode == Mode::Collecting && stopping
@@ -218,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn a_part_waits_if_it_comes_within_three_characters_of_the_xoff() {
+    fn a_begun_frame_waits_if_it_comes_within_three_characters_of_the_xoff() {
         for (after, waits) in [(CHARACTER.times(3), true), (CHARACTER.times(3) + Span::from_nanos(1), false)] {
             let mut decoder = FrameDecoder::new(Clock::TRUE);
             decoder.stop(ms(10));
@@ -231,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn an_xon_without_a_part_sets_no_silence() {
+    fn an_xon_without_a_begun_frame_sets_no_silence() {
         let mut decoder = FrameDecoder::new(Clock::TRUE);
         decoder.stop(ms(10));
         decoder.go_on(ms(20));
@@ -303,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn a_part_that_comes_while_the_pc_stops_waits_for_it_to_go_on() {
+    fn a_begun_frame_that_comes_while_the_pc_stops_waits_for_it_to_go_on() {
         let mut decoder = FrameDecoder::new(Clock::TRUE);
         decoder.stop(ms(10));
         send(&mut decoder, ms(11), &FRAME[..2]);
@@ -314,7 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn a_part_that_comes_later_does_not() {
+    fn a_begun_frame_that_comes_later_does_not() {
         let mut decoder = FrameDecoder::new(Clock::TRUE);
         decoder.stop(ms(10));
         send(&mut decoder, ms(14), &FRAME[..2]);

@@ -6,25 +6,26 @@
 //!
 //! # Between the master and a slave
 //!
-//! The slave counts the parts that it takes, from 0 at its start. It says `ACK` and the count's [`Parity`] when it has
-//! executed one; asked with `ENQ`, the same if it is idle, `BEL` while it is busy, `CAN` and a letter while a fault
-//! stands. The master counts the parts that it gives. So an idle slave's answer tells whether it has executed its part
-//! (and its `ACK` was lost) or was given nothing. An `ACK` alone tells neither, and the master asks again.
+//! The slave counts the sub-frames that it takes, from 0 at its start. It says `ACK` and the count's [`Parity`] when it
+//! has executed one; asked with `ENQ`, the same if it is idle, `BEL` while it is busy, `CAN` and a letter while a fault
+//! stands. The master counts the sub-frames that it gives. So an idle slave's answer tells whether it has executed its
+//! sub-frame (and its `ACK` was lost) or was given nothing. An `ACK` alone tells neither, and the master asks again.
 //!
-//! - A parity that does not fit may be an answer that was under way when the part was sent, or spoilt. So the master
-//!   asks once more, and only if it does not fit then either has the slave missed its part ([`Fault::Garbled`]).
+//! - A parity that does not fit may be an answer that was under way when the sub-frame was sent, or spoilt. So the
+//!   master asks once more, and only if it does not fit then either has the slave missed its sub-frame
+//!   ([`Fault::Garbled`]).
 //! - What begins like a sub-frame with the byte of `ENQ` and is cut there is answered like an enquiry. The parity tells
 //!   that nothing has been executed.
-//! - A slave that has started anew takes no part before it has said so: its count is 0 again, and what it was to hold
-//!   is lost. It answers `CAN r` when asked; both count from 0 then.
+//! - A slave that has started anew takes no sub-frame before it has said so: its count is 0 again, and what it was to
+//!   hold is lost. It answers `CAN r` when asked; both count from 0 then.
 //! - A restart or a loss of supply in the middle of a slave's reply leaves an `ACK` or a `CAN` without its letter. It
 //!   tells nothing, and the master asks when the next enquiry is due.
-//! - After any other fault, and while a slave does not answer, the master has no count; a fault stands until a part is
-//!   taken, so that none can be missed unnoticed. It takes over the parity that it hears next.
+//! - After any other fault, and while a slave does not answer, the master has no count; a fault stands until a
+//!   sub-frame is taken, so that none can be missed unnoticed. It takes over the parity that it hears next.
 //! - From its start on the master asks all slaves, and holds what the PC sends, until it knows what they are at and
 //!   those that are busy are done.
-//! - After `ENQ` the next part waits until its answer has come, at the latest: two characters after the slave's gap of
-//!   three, behind two more if it was just reporting.
+//! - After `ENQ` the next sub-frame waits until its answer has come, at the latest: two characters after the slave's
+//!   gap of three, behind two more if it was just reporting.
 //!
 //! # The master's start
 //!
@@ -45,7 +46,7 @@ use crate::time::Span;
 use crate::uart::BITS_PER_CHARACTER;
 
 pub use conversation::{Conversation, Outcome};
-pub use frame::{DepthPart, Direction, Frame, Refusal, SpindlePart, TransversePart};
+pub use frame::{DepthSubFrame, Direction, Frame, Refusal, SpindleSubFrame, TransverseSubFrame};
 pub use frame_decoder::FrameDecoder;
 pub use parity::Parity;
 pub use program::{Destination, Program, ProgramError};
@@ -57,7 +58,7 @@ pub const BAUD: u32 = 9600;
 pub const RATE: Rate = Rate::hz(BAUD);
 /// The time of one character at [`BAUD`].
 pub const CHARACTER: Span = Span::from_nanos(BITS_PER_CHARACTER * 1_000_000_000 / BAUD as u64);
-/// A longer silence in mid-frame discards the part received. (Ours: no delimiter exists.)
+/// A longer silence in mid-frame discards what has come of the frame. (Ours: no delimiter exists.)
 pub const FRAME_GAP: Span = Span::from_millis(50);
 
 /// Done; a [`Parity`] follows. To the PC, alone: the frame has been distributed.

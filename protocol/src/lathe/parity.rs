@@ -1,14 +1,14 @@
-//! The parity of a slave's parts: what tells "done" from "I was given nothing".
+//! The parity of a slave's sub-frames: what tells "done" from "I was given nothing".
 
 use core::fmt;
 
-/// Whether a slave has taken an even or an odd number of parts since its start.
+/// Whether a slave has taken an even or an odd number of sub-frames since its start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Parity {
-    /// Also before the first part.
+    /// Also before the first sub-frame.
     #[default]
     Even,
-    /// One part more.
+    /// One sub-frame more.
     Odd,
 }
 
@@ -30,7 +30,7 @@ impl Parity {
         }
     }
 
-    /// The parity with one part more.
+    /// The parity with one sub-frame more.
     #[must_use]
     pub const fn next(self) -> Self {
         match self {

@@ -50,16 +50,16 @@ pub enum Fault {
     Stalled,
     /// An axis ran into its end of travel.
     EndOfTravel,
-    /// Its part of a frame did not reach it whole, and nothing of it was executed. Told only when asked: what is heard
-    /// while no part is on its way is noise, and the master asks only while it waits for one.
+    /// Its sub-frame did not reach it whole, and nothing of it was executed. Told only when asked: what is heard
+    /// while no sub-frame is on its way is noise, and the master asks only while it waits for one.
     Garbled,
     /// It has started anew since, and what it was told before is lost. A slave tells it only when asked, too, and takes
-    /// no part before.
+    /// no sub-frame before.
     Restarted,
 }
 
 impl Slave {
-    /// The slaves, in the order of their parts in a frame.
+    /// The slaves, in the order of their sub-frames in a frame.
     pub const ALL: [Self; 3] = [Self::Spindle, Self::Transverse, Self::Depth];
 
     /// The letter on the wire.

@@ -181,7 +181,7 @@ mod tests {
     /// The PC's characters after an `XOFF` whose first edge is at 100 ms: whether the last byte of three has `late` to
     /// come on, and what is told of the rest of the frame after the `XON`.
     #[test]
-    fn a_part_that_comes_while_the_pc_stops_waits_for_the_xon() {
+    fn a_begun_frame_that_comes_while_the_pc_stops_waits_for_the_xon() {
         let stopping = ms(100) + CHARACTER.times(3);
         for (last, told) in [(stopping, 1), (stopping + Span::from_nanos(1), 0)] {
             let mut cable = Cable(Talk::new());

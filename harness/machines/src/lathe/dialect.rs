@@ -1,11 +1,11 @@
-//! The lathe's dialect: frames, the slaves' parts of them, and replies.
+//! The lathe's dialect: frames, the slaves' sub-frames, and replies.
 //!
 //! Where frames begin is not on the line; it follows from silences, from replies and from which slaves are busy. So the
 //! characters of all lines are read together, by the rules of the boards.
 
 use torno_protocol::lathe::{
-    ACK, BAUD, BEL, CAN, CHARACTER, DepthPart, ENQ, Fault, Frame, Parity, Party, Program, Refusal, Reply, Slave,
-    SpindlePart, TransversePart,
+    ACK, BAUD, BEL, CAN, CHARACTER, DepthSubFrame, ENQ, Fault, Frame, Parity, Party, Program, Refusal, Reply, Slave,
+    SpindleSubFrame, TransverseSubFrame,
 };
 use torno_protocol::layout::{GATEWAY, Layout, LineLayout};
 use torno_protocol::time::{Instant, Span};
@@ -15,8 +15,8 @@ use torno_engine::LineId;
 
 use super::cable::{Cable, Talk, Times};
 
-/// The longest time from one character of a slave's part to the next.
-const PART_GAP: Span = CHARACTER.times(3);
+/// The longest time from one character of a slave's sub-frame to the next.
+const SUB_FRAME_GAP: Span = CHARACTER.times(3);
 
 /// The lathe's dialect.
 #[derive(Debug)]
@@ -76,7 +76,7 @@ impl Dialect for Lathe {
 enum Role {
     Frames,
     Replies,
-    Parts(Slave),
+    SubFrames(Slave),
     Answers(Slave),
     Unknown,
 }
@@ -105,9 +105,9 @@ struct Partial {
 
 #[derive(Clone, Debug, Default)]
 struct Conversation {
-    part: Partial,
+    sub_frame: Partial,
     busy: bool,
-    /// It has been given a part.
+    /// It has been given a sub-frame.
     given: bool,
     /// `ACK` or `CAN` has come, its letter has not.
     awaiting: Option<u8>,
@@ -120,7 +120,7 @@ impl Lines {
         let role = |line: &LineLayout| match (kind(line.from.0), kind(line.to.0)) {
             (GATEWAY, _) => Role::Frames,
             (_, GATEWAY) => Role::Replies,
-            ("master", to) => slave(to).map_or(Role::Unknown, Role::Parts),
+            ("master", to) => slave(to).map_or(Role::Unknown, Role::SubFrames),
             (from, "master") => slave(from).map_or(Role::Unknown, Role::Answers),
             _ => Role::Unknown,
         };
@@ -170,48 +170,48 @@ impl Lines {
         }
     }
 
-    fn hear_part(&mut self, heard: &LineCharacter, slave: Slave) {
-        let length = part_length(slave);
+    fn hear_sub_frame(&mut self, heard: &LineCharacter, slave: Slave) {
+        let length = sub_frame_length(slave);
         let conversation = &self.slaves[slave as usize];
-        if heard.at.since(conversation.part.last) > PART_GAP {
-            self.end_part(slave);
+        if heard.at.since(conversation.sub_frame.last) > SUB_FRAME_GAP {
+            self.end_sub_frame(slave);
         }
         let conversation = &mut self.slaves[slave as usize];
-        conversation.part.line = heard.line;
-        conversation.part.last = heard.at;
+        conversation.sub_frame.line = heard.line;
+        conversation.sub_frame.last = heard.at;
         let Some(byte) = heard.character.ok() else {
-            conversation.part.bytes.clear();
+            conversation.sub_frame.bytes.clear();
             return;
         };
         if byte == ENQ && (length == 1 || conversation.busy) {
             self.tell(heard.at, heard.line, "ENQ: how is it going?".to_owned(), false);
             return;
         }
-        conversation.part.bytes.push(byte);
-        if conversation.part.bytes.len() == length {
-            let bytes = core::mem::take(&mut conversation.part.bytes);
+        conversation.sub_frame.bytes.push(byte);
+        if conversation.sub_frame.bytes.len() == length {
+            let bytes = core::mem::take(&mut conversation.sub_frame.bytes);
             (conversation.busy, conversation.given) = (true, true);
-            let (text, flaw) = part_text(slave, &bytes);
+            let (text, flaw) = sub_frame_text(slave, &bytes);
             self.tell(heard.at, heard.line, text, flaw);
         }
     }
 
-    /// The slave's line has been silent: what has come of a part is all.
-    fn end_part(&mut self, slave: Slave) {
-        let Partial { line, bytes, last } = core::mem::take(&mut self.slaves[slave as usize].part);
+    /// The slave's line has been silent: what has come of a sub-frame is all.
+    fn end_sub_frame(&mut self, slave: Slave) {
+        let Partial { line, bytes, last } = core::mem::take(&mut self.slaves[slave as usize].sub_frame);
         match bytes[..] {
             [] => {}
             [ENQ] => self.tell(last, line, "ENQ: how is it going?".to_owned(), false),
             _ => {
-                let (count, length) = (bytes.len(), part_length(slave));
-                self.tell(last, line, format!("part cut short after {count} of {length} bytes"), true);
+                let (count, length) = (bytes.len(), sub_frame_length(slave));
+                self.tell(last, line, format!("sub-frame cut short after {count} of {length} bytes"), true);
             }
         }
     }
 
     fn hear_answer(&mut self, heard: &LineCharacter, slave: Slave) {
-        if self.slaves[slave as usize].part.bytes == [ENQ] {
-            self.end_part(slave);
+        if self.slaves[slave as usize].sub_frame.bytes == [ENQ] {
+            self.end_sub_frame(slave);
         }
         let conversation = &mut self.slaves[slave as usize];
         let begun = conversation.awaiting.take();
@@ -259,7 +259,7 @@ impl Reader for Lines {
             match self.roles[heard.line] {
                 Role::Frames => self.hear_pc(heard),
                 Role::Replies => self.hear_reply(heard),
-                Role::Parts(slave) => self.hear_part(heard, slave),
+                Role::SubFrames(slave) => self.hear_sub_frame(heard, slave),
                 Role::Answers(slave) => self.hear_answer(heard, slave),
                 Role::Unknown => {}
             }
@@ -276,28 +276,28 @@ impl Reader for Lines {
         if self.talk.unfinished() > 0 {
             self.tell_cut_short(self.talk.unfinished());
         }
-        Slave::ALL.into_iter().for_each(|slave| self.end_part(slave));
+        Slave::ALL.into_iter().for_each(|slave| self.end_sub_frame(slave));
     }
 }
 
-const fn part_length(slave: Slave) -> usize {
+const fn sub_frame_length(slave: Slave) -> usize {
     match slave {
-        Slave::Spindle => SpindlePart::LENGTH,
-        Slave::Transverse => TransversePart::LENGTH,
-        Slave::Depth => DepthPart::LENGTH,
+        Slave::Spindle => SpindleSubFrame::LENGTH,
+        Slave::Transverse => TransverseSubFrame::LENGTH,
+        Slave::Depth => DepthSubFrame::LENGTH,
     }
 }
 
-fn part_text(slave: Slave, bytes: &[u8]) -> (String, bool) {
+fn sub_frame_text(slave: Slave, bytes: &[u8]) -> (String, bool) {
     let text = match (slave, bytes) {
-        (Slave::Spindle, [a]) => SpindlePart::parse([*a]).map(spindle_text),
-        (Slave::Transverse, [a, b, c, d]) => TransversePart::parse([*a, *b, *c, *d]).map(transverse_text),
-        (Slave::Depth, [a, b, c]) => DepthPart::parse([*a, *b, *c]).map(depth_text),
+        (Slave::Spindle, [a]) => SpindleSubFrame::parse([*a]).map(spindle_text),
+        (Slave::Transverse, [a, b, c, d]) => TransverseSubFrame::parse([*a, *b, *c, *d]).map(transverse_text),
+        (Slave::Depth, [a, b, c]) => DepthSubFrame::parse([*a, *b, *c]).map(depth_text),
         _ => Err(Refusal::CutShort),
     };
     match text {
-        Ok(text) => (format!("part: {text}"), false),
-        Err(refusal) => (format!("part out of range ({refusal}): {}", hex(bytes)), true),
+        Ok(text) => (format!("sub-frame: {text}"), false),
+        Err(refusal) => (format!("sub-frame out of range ({refusal}): {}", hex(bytes)), true),
     }
 }
 
@@ -305,19 +305,19 @@ fn frame_text(frame: &Frame) -> String {
     format!("{}, {}, {}", spindle_text(frame.spindle), transverse_text(frame.transverse), depth_text(frame.depth))
 }
 
-fn spindle_text(part: SpindlePart) -> String {
-    format!("spindle {} rpm", part.rpm())
+fn spindle_text(sub_frame: SpindleSubFrame) -> String {
+    format!("spindle {} rpm", sub_frame.rpm())
 }
 
-fn transverse_text(part: TransversePart) -> String {
-    match i64::from(part.distance()) * part.direction().sign() {
+fn transverse_text(sub_frame: TransverseSubFrame) -> String {
+    match i64::from(sub_frame.distance()) * sub_frame.direction().sign() {
         0 => "transverse stays".to_owned(),
-        counts => format!("transverse {counts:+} counts at {} per 30 ms", part.speed()),
+        counts => format!("transverse {counts:+} counts at {} per 30 ms", sub_frame.speed()),
     }
 }
 
-fn depth_text(part: DepthPart) -> String {
-    match i64::from(part.distance()) * part.direction().sign() {
+fn depth_text(sub_frame: DepthSubFrame) -> String {
+    match i64::from(sub_frame.distance()) * sub_frame.direction().sign() {
         0 => "depth stays".to_owned(),
         slots => format!("depth {slots:+} slots"),
     }
@@ -354,27 +354,27 @@ mod tests {
 
     #[test]
     fn silence_in_mid_frame_cuts_it_short_unless_the_pc_is_held() {
-        let part = on("pc_to_master", &[0x0a, 0xe1, 0x00]);
+        let begun = on("pc_to_master", &[0x0a, 0xe1, 0x00]);
         let rest = on("pc_to_master", &[0xe1, 0x01, 0x00, 0x01, 0x00]);
         let frame = "frame: spindle 200 rpm, transverse -225 counts at 225 per 30 ms, depth +1 slots";
-        assert_eq!(said(&[&part[..], &rest].concat()), [frame]);
-        let cut = said(&[&part[..], &[None], &rest].concat());
+        assert_eq!(said(&[&begun[..], &rest].concat()), [frame]);
+        let cut = said(&[&begun[..], &[None], &rest].concat());
         assert_eq!(cut, ["frame cut short after 3 of 8 bytes", "frame cut short after 5 of 8 bytes"]);
         let stop = on("master_to_pc", &[XOFF]);
-        let held = said(&[&stop[..], &part[..2], &[None], &on("master_to_pc", &[XON]), &part[2..], &rest].concat());
+        let held = said(&[&stop[..], &begun[..2], &[None], &on("master_to_pc", &[XON]), &begun[2..], &rest].concat());
         assert_eq!(held, ["XOFF: a frame is held", "XON: all slaves are done", frame]);
         // A PC that has stopped, or should have, is silent on its own account.
-        let late = said(&[&stop[..], &[None], &part, &[None], &on("master_to_pc", &[XON]), &rest].concat());
+        let late = said(&[&stop[..], &[None], &begun, &[None], &on("master_to_pc", &[XON]), &rest].concat());
         assert_eq!(late[1], "frame cut short after 3 of 8 bytes");
     }
 
     #[test]
-    fn a_part_may_begin_with_the_byte_of_an_enquiry() {
+    fn a_sub_frame_may_begin_with_the_byte_of_an_enquiry() {
         let line = "master_to_transverse";
-        let part = said(&[&on(line, &[ENQ, 0, 9, 1])[..], &[None], &on(line, &[ENQ])].concat());
-        assert_eq!(part, ["part: transverse -9 counts at 5 per 30 ms", "ENQ: how is it going?"]);
+        let sub_frame = said(&[&on(line, &[ENQ, 0, 9, 1])[..], &[None], &on(line, &[ENQ])].concat());
+        assert_eq!(sub_frame, ["sub-frame: transverse -9 counts at 5 per 30 ms", "ENQ: how is it going?"]);
         let idle = said(&[&on(line, &[ENQ])[..], &[None], &on(line, &[5, 0, 9, 0])].concat());
-        assert_eq!(idle, ["ENQ: how is it going?", "part: transverse +9 counts at 5 per 30 ms"]);
+        assert_eq!(idle, ["ENQ: how is it going?", "sub-frame: transverse +9 counts at 5 per 30 ms"]);
         let answers = said(&on("transverse_to_master", &[BEL, CAN, b'e', ACK, b'e', ACK, b'x']));
         let expected = ["BEL: busy", "CAN: failed (end of travel)", "ACK: done (even)", "06 is no answer"];
         assert_eq!(answers, [&expected[..], &["78 is no answer"]].concat());
