@@ -219,6 +219,34 @@ fn the_places_are_told_in_text_and_have_a_usual_path() {
 }
 
 #[test]
+fn a_rig_file_may_leave_a_place_open() {
+    let folder = folder();
+    let rig = folder.path().join("my.toml");
+    let kind = "kind = \"depth\"";
+    let text = include_str!("../harness/builtin/lathe.toml");
+    std::fs::write(&rig, text.replacen(kind, &format!("{kind}\nawait = true"), 1)).unwrap();
+    let frames = program(folder.path(), &[SHORT]);
+    let arguments = [rig.to_str().unwrap(), frames.to_str().unwrap()];
+    // A command that does not wait starts it as any other.
+    let in_process = output(&["compare", "lathe", arguments[0], arguments[1]]);
+    assert!(in_process.status.success(), "{}", complaint(&in_process));
+    for boards in [&["spindle", "depth"][..], &["depth"]] {
+        let waiting = Waiting::start(&[&["run"], &arguments[..]].concat(), boards);
+        assert_eq!(waiting.places["await"].as_object().unwrap().len(), boards.len());
+        let joined: Vec<Child> = boards.iter().map(|board| waiting.join(board, board)).collect();
+        assert_eq!(waiting.end().0, Some(0));
+        joined.into_iter().for_each(|mut child| assert!(child.wait().unwrap().success()));
+    }
+    let usual = torno(&["run", arguments[0]]).env("XDG_RUNTIME_DIR", folder.path()).stdout(Stdio::piped()).spawn();
+    let mut usual = usual.unwrap();
+    let mut line = String::new();
+    BufReader::new(usual.stdout.take().unwrap()).read_line(&mut line).unwrap();
+    assert!(line.starts_with("waits for board 'depth': torno board depth --join "), "{line}");
+    usual.kill().unwrap();
+    usual.wait().unwrap();
+}
+
+#[test]
 fn what_cannot_be_awaited_or_joined_is_told() {
     let folder = folder();
     let nowhere = folder.path().join("nowhere");

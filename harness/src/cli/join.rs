@@ -26,8 +26,8 @@ struct Place<'a> {
     command: String,
 }
 
-/// Opens the places of the boards that are `awaited`, each as BOARD or BOARD=SOCKET, tells how to start them, and waits
-/// until all have joined. Gives the driver of the rig and how long that took; nothing, if it was interrupted.
+/// Opens the places of the boards that are `awaited`, each as BOARD or BOARD=SOCKET, and of those that the rig file
+/// leaves open, tells how to start them, and waits until all have joined. Gives the driver of the rig and how long that took; nothing, if it was interrupted.
 pub(super) async fn wait_for_boards(
     file: &RigFile,
     awaited: &[String],
@@ -35,10 +35,15 @@ pub(super) async fn wait_for_boards(
     json: bool,
     interrupt: &mut Interrupt,
 ) -> anyhow::Result<Option<(Driver, Duration)>> {
+    let mut awaited: Vec<Awaited> = awaited.iter().map(|text| place(file, text)).collect::<Result<_, _>>()?;
+    for board in file.boards.iter().filter(|board| board.awaited) {
+        if awaited.iter().all(|named| named.board != board.name) {
+            awaited.push(place(file, &board.name)?);
+        }
+    }
     if awaited.is_empty() {
         return Ok(Some((others, Duration::ZERO)));
     }
-    let awaited: Vec<Awaited> = awaited.iter().map(|text| place(file, text)).collect::<Result<_, _>>()?;
     let places = OpenPlaces::open(file, &awaited).context("--await")?;
     print(&announcement(&places, json)?)?;
     #[expect(clippy::disallowed_methods, reason = "how long a person takes is not how long the rig takes")]

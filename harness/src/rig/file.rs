@@ -79,6 +79,8 @@ pub struct Board {
     pub settings: String,
     /// What it consists of.
     pub description: Description,
+    /// Its place is left open for a board by hand, by commands that can wait for one.
+    pub awaited: bool,
 }
 
 /// Why a rig cannot be had.
@@ -165,6 +167,8 @@ struct RawBoard {
     kind: Spanned<String>,
     #[serde(default = "default_ppm")]
     clock_ppm: Spanned<f64>,
+    #[serde(default, rename = "await")]
+    awaited: bool,
     #[serde(default)]
     settings: toml::Table,
 }
@@ -424,7 +428,7 @@ fn check_board(raw: RawBoard, settings: &Spanned<DeValue<'_>>, others: &[Board])
         (span, error.to_string())
     })?;
     let settings = toml::to_string(&raw.settings).map_err(|error| (settings.span(), error.to_string()))?;
-    Ok(Board { name, kind, clock, settings, description: stepper.description() })
+    Ok(Board { name, kind, clock, settings, description: stepper.description(), awaited: raw.awaited })
 }
 
 fn check_clock(ppm: &Spanned<f64>) -> Result<Clock, Complaint> {
