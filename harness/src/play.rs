@@ -2,12 +2,12 @@
 
 use std::pin::{Pin, pin};
 
-use torno_bus::PcProgram;
+use torno_bus::{Answer, Conversation};
 use torno_engine::Fact;
 use torno_machines::workpiece::ToolPath;
 use torno_protocol::board::Stimulus;
 use torno_protocol::clock::Clock;
-use torno_protocol::lathe::{Conversation, FrameDecoder, Outcome, Program, Reply, ReplyDecoder};
+use torno_protocol::lathe::{FrameDecoder, Outcome, Program, Reply, ReplyDecoder, Tally};
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::Character;
 use torno_trace::{Header, Trace, Waveforms};
@@ -70,9 +70,10 @@ pub struct Careful {
     decoder: ReplyDecoder,
 }
 
-impl PcProgram for Careful {
-    fn gives_up(&mut self, byte: u8) -> bool {
-        self.decoder.push(byte).iter().any(|reply| matches!(reply, Reply::Can(..)))
+impl Conversation for Careful {
+    fn hear(&mut self, byte: u8) -> Answer {
+        let failed = self.decoder.push(byte).iter().any(|reply| matches!(reply, Reply::Can(..)));
+        if failed { Answer::GiveUp } else { Answer::Nothing }
     }
 }
 
@@ -82,7 +83,7 @@ pub struct Progress<'a> {
     /// Everything before this has happened.
     pub now: Instant,
     /// What has been said.
-    pub conversation: &'a Conversation,
+    pub conversation: &'a Tally,
     /// What has happened since the last time.
     pub facts: &'a [Fact],
 }
@@ -90,7 +91,7 @@ pub struct Progress<'a> {
 /// How a play ended.
 pub struct Played {
     /// What was said.
-    pub conversation: Conversation,
+    pub conversation: Tally,
     /// How the program ended.
     pub outcome: Outcome,
     /// Why the play did.
@@ -137,7 +138,7 @@ struct Player {
     waveforms: Option<Waveforms>,
     path: Option<ToolPath>,
     decoder: ReplyDecoder,
-    conversation: Conversation,
+    conversation: Tally,
     facts: Vec<Fact>,
     /// The program's frames follow one another, whatever the master makes of them.
     sending: FrameDecoder,
@@ -209,7 +210,7 @@ impl Play {
             waveforms: self.waveforms.then(|| Waveforms::new(&self.file.layout)),
             path: self.file.part.as_ref().map(ToolPath::new),
             decoder: ReplyDecoder::default(),
-            conversation: Conversation::default(),
+            conversation: Tally::default(),
             facts: Vec::new(),
             sending: FrameDecoder::new(Clock::TRUE),
             now: Instant::START,

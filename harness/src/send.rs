@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio_serial::{SerialPortBuilderExt, SerialStream};
-use torno_protocol::lathe::{Conversation, Outcome, Program, Reply, ReplyDecoder};
+use torno_protocol::lathe::{Outcome, Program, Reply, ReplyDecoder, Tally};
 
 /// What is to be sent, and where.
 #[derive(Clone, Debug)]
@@ -47,12 +47,12 @@ impl Send {
     ///
     /// # Errors
     /// [`SendError`] if the port cannot be opened or fails.
-    pub async fn run(&self, mut heard: impl FnMut(&Conversation, Reply)) -> Result<(Conversation, Outcome), SendError> {
+    pub async fn run(&self, mut heard: impl FnMut(&Tally, Reply)) -> Result<(Tally, Outcome), SendError> {
         let builder = tokio_serial::new(&self.port, self.baud);
         let open = |source| SendError::Open { port: self.port.clone(), source };
         let mut port = builder.open_native_async().map_err(open)?;
         let failed = |source| SendError::Port { port: self.port.clone(), source };
-        let mut conversation = Conversation::default();
+        let mut conversation = Tally::default();
         let mut decoder = ReplyDecoder::default();
         let mut frames = self.program.frames.iter();
         loop {
@@ -77,7 +77,7 @@ impl Send {
     }
 
     /// The next bytes; `None` if a frame has gone without an answer for too long.
-    async fn listen(&self, port: &mut SerialStream, conversation: &Conversation) -> io::Result<Option<Vec<u8>>> {
+    async fn listen(&self, port: &mut SerialStream, conversation: &Tally) -> io::Result<Option<Vec<u8>>> {
         let mut bytes = [0; 64];
         let read = port.read(&mut bytes);
         let read = if conversation.stopped || conversation.unanswered() == 0 {

@@ -9,7 +9,7 @@ use std::io;
 use std::pin::pin;
 use std::task::{Context, Poll, Waker};
 
-use torno_bus::{PcEvent, PcProgram, PcUart, Replies, Reply};
+use torno_bus::{Conversation, PcEvent, PcUart, Replies, Reply};
 use torno_engine::{Fact, Hit, Input, Limit, NodeId};
 use torno_protocol::board::Stimulus;
 use torno_protocol::time::{Instant, Span};
@@ -126,7 +126,7 @@ impl Session {
     /// [`SessionError::Rig`] if a board cannot be started.
     pub async fn start<P>(file: &RigFile, driver: &Driver, uart: PcUart<P>) -> Result<Self, SessionError>
     where
-        P: PcProgram + Send + 'static,
+        P: Conversation + Send + 'static,
     {
         let rig = Rig::start(file, driver, uart).await?;
         Ok(Self {

@@ -14,5 +14,5 @@ pub use dialect::{
 };
 pub use ear::{Ears, LineCharacter};
 pub use names::Names;
-pub use pc::{BAUD, Outside, PcEvent, PcProgram, PcUart, RECEIVED, STOPPED};
+pub use pc::{Answer, BAUD, Conversation, Outside, PcEvent, PcUart, RECEIVED, STOPPED};
 pub use replies::Replies;

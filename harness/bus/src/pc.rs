@@ -13,19 +13,30 @@ const XOFF: u8 = 0x13;
 /// DC1, its "go on".
 const XON: u8 = 0x11;
 
+/// What a program does when a byte has come.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Answer {
+    /// Nothing.
+    Nothing,
+    /// It sends these bytes, behind what is not sent yet.
+    Send(Vec<u8>),
+    /// It gives up what has not been sent yet.
+    GiveUp,
+}
+
 /// A program behind the PC's UART that must be answered in virtual time.
-pub trait PcProgram: Clone {
-    /// A byte has come. Says whether to give up what has not been sent yet.
-    fn gives_up(&mut self, byte: u8) -> bool;
+pub trait Conversation: Clone {
+    /// A byte has come. Says what the program does because of it, at once.
+    fn hear(&mut self, byte: u8) -> Answer;
 }
 
 /// No program: whoever is behind the UART is outside the rig.
 #[derive(Clone, Copy, Debug)]
 pub struct Outside;
 
-impl PcProgram for Outside {
-    fn gives_up(&mut self, _: u8) -> bool {
-        false
+impl Conversation for Outside {
+    fn hear(&mut self, _: u8) -> Answer {
+        Answer::Nothing
     }
 }
 
@@ -113,13 +124,13 @@ impl PcUart {
     }
 
     /// With a program behind it that is held by `XON`/`XOFF`.
-    pub fn with_program<P: PcProgram>(self, program: P) -> PcUart<P> {
+    pub fn with_program<P: Conversation>(self, program: P) -> PcUart<P> {
         let Self { clock, baud, fifo, queue, loaded, transmitter, stopped, retuned, outputs, .. } = self;
         PcUart { clock, baud, ixon: true, fifo, queue, loaded, transmitter, stopped, retuned, program, outputs }
     }
 }
 
-impl<P: PcProgram> PcUart<P> {
+impl<P: Conversation> PcUart<P> {
     fn receive(&mut self, character: Character) {
         let Some(byte) = character.ok() else {
             self.outputs.push_back(PcEvent::Garbled(character.byte).output());
@@ -129,8 +140,10 @@ impl<P: PcProgram> PcUart<P> {
         if self.ixon && (byte == XOFF || byte == XON) {
             self.stop(byte == XOFF);
         }
-        if self.program.gives_up(byte) {
-            self.queue.clear();
+        match self.program.hear(byte) {
+            Answer::Nothing => {}
+            Answer::Send(bytes) => self.queue.extend(bytes),
+            Answer::GiveUp => self.queue.clear(),
         }
     }
 
@@ -181,7 +194,7 @@ impl<P: PcProgram> PcUart<P> {
     }
 }
 
-impl<P: PcProgram> Board for PcUart<P> {
+impl<P: Conversation> Board for PcUart<P> {
     fn description(&self) -> Description {
         Description {
             ports: vec!["cable".to_owned()],
@@ -246,14 +259,18 @@ mod tests {
     #[derive(Clone)]
     struct Quitter;
 
-    impl PcProgram for Quitter {
-        fn gives_up(&mut self, byte: u8) -> bool {
-            byte == b'q'
+    impl Conversation for Quitter {
+        fn hear(&mut self, byte: u8) -> Answer {
+            match byte {
+                b'q' => Answer::GiveUp,
+                b'?' => Answer::Send(vec![0xaa, 0xbb]),
+                _ => Answer::Nothing,
+            }
         }
     }
 
     /// The bytes that go out before `until`, with `reply` starting at 5 ms.
-    fn sent(uart: PcUart<impl PcProgram>, reply: &[u8], until: Instant) -> Vec<u8> {
+    fn sent(uart: PcUart<impl Conversation>, reply: &[u8], until: Instant) -> Vec<u8> {
         let mut cell = Cell::new(uart);
         cell.hear(&Heard::Stimulus { at: ms(1), stimulus: Stimulus::Write((0..32).collect()) });
         let mut master = Transmitter::hardware(Rate::hz(9600), Clock::TRUE);
@@ -303,6 +320,12 @@ mod tests {
     #[test]
     fn a_program_can_give_up() {
         assert!(sent(held(1), b"q", ms(1000)).len() < 12);
+    }
+
+    #[test]
+    fn a_program_can_answer_bytes_with_bytes() {
+        let answered = sent(held(1), b"q??", ms(1000));
+        assert_eq!(answered[answered.len() - 4..], [0xaa, 0xbb, 0xaa, 0xbb]);
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::fmt;
 
 use anstyle::{AnsiColor, Style};
 use serde::Serialize;
-use torno_protocol::lathe::Conversation;
+use torno_protocol::lathe::Tally;
 
 use super::{PartSummary, Stats};
 
@@ -76,7 +76,7 @@ pub struct Frames {
 
 impl Frames {
     /// The tally of a conversation.
-    pub fn new(conversation: &Conversation, total: usize) -> Self {
+    pub fn new(conversation: &Tally, total: usize) -> Self {
         Self {
             total,
             sent: conversation.sent,
@@ -99,7 +99,7 @@ pub struct BoardSummary {
 }
 
 /// What failed, in words.
-pub fn failures(conversation: &Conversation) -> Vec<String> {
+pub fn failures(conversation: &Tally) -> Vec<String> {
     conversation.failures.iter().map(|(party, fault)| format!("{} failed: {fault}", party.name())).collect()
 }
 

@@ -32,7 +32,7 @@ use file::RigFile;
 use join::Joined;
 pub use process::ProcessChange;
 use process::{BoardProcess, Unfit};
-use torno_bus::{PcProgram, PcUart};
+use torno_bus::{Conversation, PcUart};
 use torno_engine::{
     Disturbance, End, Engine, Fact, FaultId, Hit, Input, InputKind, LateOutput, Limit, LineId, NodeId, Watch, WatchId,
 };
@@ -218,7 +218,7 @@ impl Rig {
     /// [`RigError`] if a board cannot be started.
     pub async fn start<P>(file: &RigFile, driver: &Driver, pc: PcUart<P>) -> Result<Self, RigError>
     where
-        P: PcProgram + Send + 'static,
+        P: Conversation + Send + 'static,
     {
         // Before the first process, so that no news of one is missed.
         let children = if driver.launches() { Some(signal(SignalKind::child())?) } else { None };

@@ -34,23 +34,23 @@
 //! knows from its reset-cause register that it has not lost its supply, or, if it has, from a slave that has not. If
 //! all have started with it, it says nothing: the machine has been switched on. (Ours.)
 
-mod conversation;
 mod frame;
 mod frame_decoder;
 mod parity;
 mod program;
 mod reply;
+mod tally;
 
 use crate::clock::Rate;
 use crate::time::Span;
 use crate::uart::BITS_PER_CHARACTER;
 
-pub use conversation::{Conversation, Outcome};
 pub use frame::{DepthSubFrame, Direction, Frame, Refusal, SpindleSubFrame, TransverseSubFrame};
 pub use frame_decoder::FrameDecoder;
 pub use parity::Parity;
 pub use program::{Destination, Program, ProgramError};
 pub use reply::{Fault, Party, Reply, ReplyDecoder, Slave};
+pub use tally::{Outcome, Tally};
 
 /// The speed of every link, in baud; 8N1. (Ours.)
 pub const BAUD: u32 = 9600;

@@ -4,7 +4,7 @@ use crate::lathe::{Fault, Party, Refusal, Reply};
 
 /// A tally of frames and replies, as a PC program keeps it.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Conversation {
+pub struct Tally {
     /// Frames sent whole.
     pub sent: usize,
     /// Frames acknowledged.
@@ -47,7 +47,7 @@ impl Outcome {
     }
 }
 
-impl Conversation {
+impl Tally {
     /// A frame has been sent whole.
     pub fn sent(&mut self) {
         self.sent += 1;
@@ -113,8 +113,8 @@ mod tests {
     use super::*;
     use crate::lathe::Slave;
 
-    fn after(sent: usize, replies: &[Reply]) -> Conversation {
-        let mut conversation = Conversation::default();
+    fn after(sent: usize, replies: &[Reply]) -> Tally {
+        let mut conversation = Tally::default();
         (0..sent).for_each(|_| conversation.sent());
         replies.iter().for_each(|reply| conversation.reply(*reply));
         conversation
