@@ -532,12 +532,13 @@ mod tests {
         let session = async {
             let mut session = Session::start(&file, &Driver::InProcess, file.pc.uart()).await?.quiet();
             let [pc, probe] = [0, 1].map(|gateway| session.rig().pc() + gateway);
-            let at = Instant::START + Span::from_millis(10);
-            session.stimulate(pc, at, Stimulus::Write(vec![0, 0, 0, 0, 0, 0, 5, 1]));
-            // As the depth board says that it is done.
-            session.stimulate(probe, at + Span::from_millis(50), Stimulus::Write(b"\x06o".to_vec()));
+            let ms = |ms| Instant::START + Span::from_millis(ms);
+            // As the depth board answers the master's first enquiry, and says that it is done.
+            session.stimulate(probe, ms(5), Stimulus::Write(b"\x18r".to_vec()));
+            session.stimulate(pc, ms(100), Stimulus::Write(vec![0, 0, 0, 0, 0, 0, 5, 1]));
+            session.stimulate(probe, ms(150), Stimulus::Write(b"\x06o".to_vec()));
             let mut received = [Vec::new(), Vec::new()];
-            let end = Instant::START + Span::from_millis(200);
+            let end = ms(300);
             let see = |happened: Happened| {
                 for (_, gateway, exchange) in happened.outside {
                     if let Exchange::Received(byte, _) = exchange {
@@ -549,7 +550,7 @@ mod tests {
             Ok::<_, SessionError>(received)
         };
         let received = in_process(session).unwrap();
-        assert_eq!(received, [vec![0x06, 0x11], vec![0, 5, 1]]);
+        assert_eq!(received, [vec![0x06, 0x11], vec![0x05, 0, 5, 1]]);
     }
 
     #[test]
