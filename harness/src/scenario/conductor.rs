@@ -273,15 +273,16 @@ impl<'a> Conductor<'a> {
     }
 
     /// Takes note of what has happened. Gives what watches have seen.
-    fn take_note(&mut self, happened: Happened) -> Vec<Hit> {
+    fn take_note(&mut self, mut happened: Happened) -> Vec<Hit> {
+        // What may be the cause of a failure first, as a failure tells what has been noted before.
+        for incident in &happened.incidents {
+            self.note(incident.at, &incident.to_string());
+        }
+        self.note_begun(core::mem::take(&mut happened.begun));
         for (at, exchange) in happened.pc() {
             self.note_pc(at, exchange);
         }
-        let Happened { facts, hits, begun, incidents, .. } = happened;
-        for incident in incidents {
-            self.note(incident.at, &incident.to_string());
-        }
-        self.note_begun(begun);
+        let Happened { facts, hits, .. } = happened;
         for fact in facts {
             if let Some(path) = &mut self.path {
                 path.add(&fact);
