@@ -1,4 +1,5 @@
-//! A board's process: takes its turns from the harness, over the socket that is its standard input or one that it joins.
+//! A board's process: takes its turns from the harness, over the socket that is its standard input or one that it
+//! joins.
 
 use std::future::poll_fn;
 use std::io;

@@ -124,7 +124,8 @@ macro_rules! settings {
                 $(#[doc = $about])+
                 $(
                     #[doc = concat!(
-                        "\n\n`", stringify!($range), "` ", $unit, "; default `", stringify!($default), "` (", $source, ")."
+                        "\n\n`", stringify!($range), "` ", $unit,
+                        "; default `", stringify!($default), "` (", $source, ")."
                     )]
                 )?
                 $vis $field: $type,
@@ -177,7 +178,8 @@ macro_rules! settings {
     };
 }
 
-/// Declares a setting that is one of several, each with the name that a rig file gives it. The first one is the default.
+/// Declares a setting that is one of several, each with the name that a rig file gives it. The first one is the
+/// default.
 #[macro_export]
 macro_rules! choice {
     ($(#[$meta:meta])* $vis:vis enum $name:ident {

@@ -5,9 +5,9 @@
 //! (see [`torno_protocol::stepping`]); the engine makes a fact of what no unheard edge can change any more.
 //!
 //! For a board *a* and its port *p*:
-//! - `EOT(a, p)`, its earliest output time: the earliest instant at which a new edge can appear on the port: the first one that the board has told,
-//!   or the end of what it has told, or the first instant at which something unheard can matter to it, whichever is
-//!   least; but not before the end of the character that is on the line.
+//! - `EOT(a, p)`, its earliest output time: the earliest instant at which a new edge can appear on the port: the first
+//!   one that the board has told, or the end of what it has told, or the first instant at which something unheard can
+//!   matter to it, whichever is least; but not before the end of the character that is on the line.
 //! - `EIT(b)`, the earliest input time of board *b*: the earliest instant at which something unheard can matter to it.
 //!   It is the least, over the lines that end at it, of what its receiver makes of an edge at `EOT`
 //!   ([`Ear::effect`](torno_protocol::uart::Ear::effect)): about 9.5 bit times later.

@@ -17,8 +17,8 @@ impl Sending {
     /// Nothing comes, whatever the board hears.
     pub(super) const NOTHING: Self = Self { told: Instant::NEVER, free: Instant::NEVER, cut: Instant::NEVER };
 
-    /// The earliest output time (EOT): the earliest instant at which the port can change in a way that has not been settled, if nothing unheard
-    /// can matter to the board before `eit`.
+    /// The earliest output time (EOT): the earliest instant at which the port can change in a way that has not been
+    /// settled, if nothing unheard can matter to the board before `eit`.
     pub(super) fn earliest_edge(&self, eit: Instant) -> Instant {
         self.told.min(eit).max(self.free).min(self.cut)
     }

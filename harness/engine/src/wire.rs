@@ -48,7 +48,8 @@ pub enum Disturbance {
 pub enum Tampering {
     /// A bit is inverted: 0 is the start bit, 1 to 8 the data bits, least significant first, 9 the stop bit.
     Flip(u8),
-    /// An edge comes late: the sender drives it late, for the wires that this one touches too. 0 is the first edge of the character; beyond its last, the last.
+    /// An edge comes late: the sender drives it late, for the wires that this one touches too. 0 is the first edge of
+    /// the character; beyond its last, the last.
     Delay {
         /// Which edge.
         edge: u8,
@@ -263,7 +264,8 @@ impl Wire {
                 self.noises.push(noise);
             }
             Disturbance::Character { nth, what } => {
-                // Of several that meet one character, the one that began first acts first, whenever they were asked for.
+                // Of several that meet one character, the one that began first acts first, whenever they were asked
+                // for.
                 let place = self.traps.partition_point(|other| other.from <= at);
                 self.traps.insert(place, Trap { fault, from: at, until, left: nth.max(1), what });
             }

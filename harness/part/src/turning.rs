@@ -191,8 +191,8 @@ impl Turning {
         }
     }
 
-    /// Whether no part of a way of [`MEAN_OVER`] or more can be too deep a cut: a convex nose takes off no more area for
-    /// each mm of way than the bar is thick there. (A tenth is for the points, which are not infinitely close.)
+    /// Whether no part of a way of [`MEAN_OVER`] or more can be too deep a cut: a convex nose takes off no more area
+    /// for each mm of way than the bar is thick there. (A tenth is for the points, which are not infinitely close.)
     fn is_shallow(&self, from: Place, to: Place) -> bool {
         let Some(limit) = self.limits.depth else { return true };
         self.cut.0 == 0.0 && self.profile.thickest(&self.nose, from, to) <= 0.9 * limit

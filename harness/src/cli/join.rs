@@ -27,7 +27,8 @@ struct Place<'a> {
 }
 
 /// Opens the places of the boards that are `awaited`, each as BOARD or BOARD=SOCKET, and of those that the rig file
-/// leaves open, tells how to start them, and waits until all have joined. Gives the driver of the rig and how long that took; nothing, if it was interrupted.
+/// leaves open, tells how to start them, and waits until all have joined. Gives the driver of the rig and how long that
+/// took; nothing, if it was interrupted.
 pub(super) async fn wait_for_boards(
     file: &RigFile,
     awaited: &[String],

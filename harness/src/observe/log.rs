@@ -382,11 +382,16 @@ mod tests {
     #[test]
     fn json_has_everything_in_fields() {
         let text = written("master=info,pc=trace,torno=warn", Form::Json, false);
+        let rig = r#","rig":{"name":"lathe"}}"#;
+        let (frame, sends) = ("\"event\":\"frame {} accepted\"", "\"event\":\"sends {}\"");
+        let stopped = "\"message\":\"board 'depth' (pid 9) was stopped: it hangs\"";
         let expected = [
-            r#"{"ns":1500000,"level":"INFO","board":"master","event":"frame {} accepted","value":7,"message":"frame 7 accepted","rig":{"name":"lathe"}}"#,
-            r#"{"ns":3000000,"level":"TRACE","board":"pc","event":"sends {}","value":10,"message":"sends 10","rig":{"name":"lathe"}}"#,
-            r#"{"ns":4000000,"level":"WARN","message":"fault 'noise' begins","fault":"noise","rig":{"name":"lathe"}}"#,
-            r#"{"ns":5000000,"level":"WARN","board":"depth","message":"board 'depth' (pid 9) was stopped: it hangs","pid":9,"rig":{"name":"lathe"}}"#,
+            format!(
+                r#"{{"ns":1500000,"level":"INFO","board":"master",{frame},"value":7,"message":"frame 7 accepted"{rig}"#
+            ),
+            format!(r#"{{"ns":3000000,"level":"TRACE","board":"pc",{sends},"value":10,"message":"sends 10"{rig}"#),
+            format!(r#"{{"ns":4000000,"level":"WARN","message":"fault 'noise' begins","fault":"noise"{rig}"#),
+            format!(r#"{{"ns":5000000,"level":"WARN","board":"depth",{stopped},"pid":9{rig}"#),
         ];
         assert_eq!(text.lines().collect::<Vec<_>>(), expected);
     }

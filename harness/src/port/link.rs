@@ -15,8 +15,8 @@ use super::PortError;
 pub enum LinkPath {
     /// At this path, where nothing may be yet, in a folder that exists.
     Chosen(PathBuf),
-    /// At the rig's usual place, `$XDG_RUNTIME_DIR/torno/<rig>-<gateway>`, or `/tmp/torno-<uid>/<rig>-<gateway>` if that variable is
-    /// not set. The folder is made if need be. What a killed harness has left there is replaced.
+    /// At the rig's usual place, `$XDG_RUNTIME_DIR/torno/<rig>-<gateway>`, or `/tmp/torno-<uid>/<rig>-<gateway>` if
+    /// that variable is not set. The folder is made if need be. What a killed harness has left there is replaced.
     Default {
         /// The rig's name, which has no '/' in it.
         rig: String,

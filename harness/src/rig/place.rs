@@ -7,8 +7,8 @@ use torno_text::nearest;
 /// What belongs to a board itself, and not to its settings.
 const OF_A_BOARD: [&str; 1] = ["clock_ppm"];
 
-/// Puts `value` at `place` of a rig file's table: `pc.FIELD`, `GATEWAY.FIELD`, `BOARD.clock_ppm` or `BOARD.TABLE.FIELD`, which is short
-/// for `board.BOARD.settings.TABLE.FIELD`.
+/// Puts `value` at `place` of a rig file's table: `pc.FIELD`, `GATEWAY.FIELD`, `BOARD.clock_ppm` or
+/// `BOARD.TABLE.FIELD`, which is short for `board.BOARD.settings.TABLE.FIELD`.
 ///
 /// # Errors
 /// There is no such board, with the nearest that there is; or the place is none. Whether there is such a field, and

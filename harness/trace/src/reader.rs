@@ -456,8 +456,10 @@ mod tests {
         fn any_trace_is_shown_and_compared(a in traces(), mut b in traces()) {
             b.header.layout.lines.pop();
             b.facts.retain(|fact| !matches!(fact, Fact::Edges { line: 7, .. }));
-            let on_line_7 =
-                |what: &InputKind| matches!(what, InputKind::Disturbed { line: 7, .. } | InputKind::Healed { line: 7, .. });
+            let on_line_7 = |what: &InputKind| match what {
+                InputKind::Disturbed { line, .. } | InputKind::Healed { line, .. } => *line == 7,
+                _ => false,
+            };
             b.inputs.retain(|input| !on_line_7(&input.what));
             for trace in [&a, &b] {
                 let kinds = ["edges", "characters", "frames", "telemetry", "events", "inputs"].map(str::to_owned);

@@ -231,8 +231,8 @@ impl<'a> Faulty<'a> {
         self.pulses = vec![Pulse { from, until: from + width, act: Act::Invert }];
     }
 
-    /// A character is committed at `at` to its line. `start` and `end` are as the sender has them; other faults may have
-    /// changed the edges.
+    /// A character is committed at `at` to its line. `start` and `end` are as the sender has them; other faults may
+    /// have changed the edges.
     fn meet(&mut self, at: Instant, start: Instant, edges: &mut Vec<Edge>, end: Instant) {
         let Disturbance::Character { what, .. } = self.fault.what else { return };
         if !self.lasts(at) || self.left == 0 {
