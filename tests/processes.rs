@@ -600,5 +600,5 @@ fn a_board_that_is_killed_under_a_scenario_is_named_in_the_failure() {
     let text = String::from_utf8_lossy(&output.stdout);
     assert_eq!(output.status.code(), Some(1), "{text}");
     assert!(text.contains(&format!("board 'depth' (pid {pid}) died: signal: 9 (SIGKILL)")), "{text}");
-    assert!(text.contains("never CAN"), "{text}");
+    assert!(text.contains("never the reply CAN"), "{text}");
 }

@@ -73,7 +73,7 @@ fn the_demonstrations_report_is_small_and_says_what_the_run_says() {
     assert_eq!(row(&html, "lines", "pc → master")[0], "240");
     assert_eq!(row(&html, "lines", "pc → master")[2], "30 × frame");
     for slave in ["spindle", "transverse", "depth"] {
-        assert!(row(&html, "lines", &format!("master → {slave}"))[2].contains("30 × part"), "{slave}");
+        assert!(row(&html, "lines", &format!("master → {slave}"))[2].contains("30 × sub-frame"), "{slave}");
     }
 }
 
