@@ -291,7 +291,7 @@ fn a_bare_torno_says_in_five_lines_what_it_is_and_how_to_start() {
     assert_eq!((output.status.code(), log.as_str()), (Some(0), ""));
     assert_eq!(text.lines().count(), 5, "{text}");
     assert!(text.lines().all(|line| line.chars().count() <= 100), "{text}");
-    for words in ["torno emulates", "torno run", "torno up", "torno help", "cargo run --release -- "] {
+    for words in ["torno emulates", "torno run", "torno up", "torno help", "cargo run -- run"] {
         assert!(text.contains(words), "{text}\nlacks: {words}");
     }
 }

@@ -48,7 +48,7 @@ torno emulates small serial-bus CNC machines: boards are processes, lines carry 
   torno run     plays a program on a lathe, as fast as the computer can, and reports the result
   torno up      starts the lathe and gives your own program a serial port to it
   torno help    lists all commands; 'torno COMMAND --help' explains one
-From a checkout, write 'cargo run --release -- run' for 'torno run'.
+From a checkout, write 'cargo run -- run' for 'torno run'.
 ";
 
 /// Emulates small serial-bus CNC machines, so that people can work without the machine.
