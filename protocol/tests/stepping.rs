@@ -491,7 +491,10 @@ fn agree(acts: Vec<(u64, Act)>, cuts: &[u64]) -> Result<(), TestCaseError> {
 
 proptest! {
     #[test]
-    fn how_time_is_cut_does_not_show(acts in acts(9_600..9_601), cuts in prop::collection::vec(1..60_000_000u64, 1..40)) {
+    fn how_time_is_cut_does_not_show(
+        acts in acts(9_600..9_601),
+        cuts in prop::collection::vec(1..60_000_000u64, 1..40),
+    ) {
         agree(acts, &cuts)?;
     }
 
