@@ -1,9 +1,9 @@
 //! Emulates small serial-bus CNC machines: launches the boards of a rig, drives their time, gives the PC its serial
 //! port, plays whole programs.
 //!
-//! [`rig`] is the running rig, [`engine`] decides how far each board may run, [`pace`] holds time back to the wall
-//! clock, [`play`] plays a program through, [`live`] keeps a rig up for somebody's own software at the [`port`],
-//! [`trace`] is the record of either. [`identify`] characterises the motors of a rig, and tunes their controllers.
+//! [`session`] advances a rig; nothing else does. [`rig`] is the running rig, [`pace`] holds time back to the wall clock,
+//! [`play`] plays a program, [`live`] keeps a rig up for other programs at the [`port`], [`replay`] repeats a recording.
+//! [`identify`] characterises the motors of a rig, and tunes their controllers.
 
 mod channel;
 pub mod condition;

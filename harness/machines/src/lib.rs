@@ -1,5 +1,5 @@
 //! The machines. Each has a room of its own, which says what its boards are made of, what is said on its lines and what
-//! it makes; [`MACHINES`] names them all. Whatever runs rigs knows machines by this registry only.
+//! it makes; `MACHINES` names them all. Whatever runs rigs knows machines by this registry only.
 
 #[cfg(feature = "echo")]
 mod echo;
