@@ -163,7 +163,9 @@ impl<'a> Reference<'a> {
 
 impl Line {
     fn drive(&mut self, now: Instant) {
-        while let Some(edge) = self.coming.pop_front_if(|edge| edge.at <= now) {
+        while self.coming.front().is_some_and(|edge| edge.at <= now)
+            && let Some(edge) = self.coming.pop_front()
+        {
             self.driven = edge.level;
         }
     }
