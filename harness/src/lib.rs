@@ -1,9 +1,9 @@
 //! Emulates small serial-bus CNC machines: launches the boards of a rig, drives their time, gives the PC its serial
 //! port, plays whole programs.
 //!
-//! [`session`] advances a rig; nothing else does. [`rig`] is the running rig, [`pace`] holds time back to the wall clock,
-//! [`play`] plays a program, [`live`] keeps a rig up for other programs at the [`port`], [`replay`] repeats a recording.
-//! [`identify`] characterises the motors of a rig, and tunes their controllers.
+//! [`session`] advances a rig; nothing else does. [`rig`] is the running rig, [`pace`] holds time back to the wall
+//! clock, [`play`] plays a program, [`live`] keeps a rig up for other programs at the [`port`], [`replay`] repeats a
+//! recording. [`identify`] characterises the motors of a rig, and tunes their controllers.
 
 mod channel;
 pub mod condition;
