@@ -25,7 +25,7 @@ struct Bench {
     now: Instant,
     transmitters: Vec<Transmitter>,
     receivers: Vec<Receiver>,
-    /// Telemetry and events.
+    /// Telemetry, events and cuts.
     outputs: Vec<Output>,
     /// How many sub-frames each slave has executed.
     sub_frames: [u64; 3],
@@ -76,9 +76,12 @@ impl Bench {
 
     fn run_to(&mut self, until: Instant) {
         let Self { receivers, outputs, .. } = self;
-        self.cell.run(until, |_, output| match output {
+        self.cell.run(until, |at, output| match output {
             Output::Character { port, edges, .. } => receivers[usize::from(port)].hear(&edges),
-            Output::Cut { .. } => {}
+            Output::Cut { port } => {
+                receivers[usize::from(port)].hear_cut(at);
+                outputs.push(output);
+            }
             Output::Telemetry { .. } | Output::Event { .. } => outputs.push(output),
         });
         self.now = until;
@@ -108,13 +111,14 @@ impl Bench {
         self.received(0)
     }
 
-    /// The telemetry and the events since the last call, in words.
+    /// The telemetry, the events and the cuts since the last call, in words.
     fn told(&mut self) -> Vec<String> {
         let description = self.cell.board().description();
         let word = |output| match output {
             Output::Telemetry { signal, value } => format!("{}={value}", description.signals[usize::from(signal)].name),
             Output::Event { event, value } => event_text(&description.events[usize::from(event)], value),
-            Output::Character { .. } | Output::Cut { .. } => String::new(),
+            Output::Cut { port } => format!("{} is cut", description.ports[usize::from(port)]),
+            Output::Character { .. } => String::new(),
         };
         self.outputs.drain(..).map(word).collect()
     }
@@ -607,18 +611,20 @@ fn what_makes_no_sense_on_a_slaves_line_is_an_event() {
 }
 
 #[test]
-fn a_restart_puts_the_telemetry_back() {
+fn a_restart_cuts_the_lines_and_puts_the_telemetry_back() {
     let mut bench = Bench::new();
     bench.send(0, &FRAME);
     bench.send(0, &FRAME);
     bench.told();
     bench.stimulate(0, Stimulus::Reset);
     bench.run(ms(1));
-    assert_eq!(bench.told(), ["reset", "frames_distributed=0", "frame_held=0", "slaves_busy=0"]);
+    let cuts = ["pc is cut", "spindle is cut", "transverse is cut", "depth is cut"];
+    let expected = ["reset", "frames_distributed=0", "frame_held=0", "slaves_busy=0"];
+    assert_eq!(bench.told(), [cuts, expected].concat());
     // It says that it has restarted as soon as it may speak, and asks all slaves then.
     bench.run(ms(3));
     assert_eq!([1, 2, 3].map(|port| bench.received(port).ends_with(&[ENQ])), [true; 3]);
-    assert_eq!(bench.replies(), [ACK, XOFF, CAN, b'm', b'r']);
+    assert_eq!(bench.replies(), [ACK, CAN, b'm', b'r'], "the XOFF was cut");
 }
 
 #[test]

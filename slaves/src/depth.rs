@@ -180,3 +180,40 @@ impl Machine for DepthMachine {
         self.drive() == 0 && !self.axis.leaves(self.firmware.count)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What became of each poll, with the axis at these counts: the drive after it, and whether it was done.
+    fn polls(target: u8, counts: &[i64]) -> Vec<(i64, bool)> {
+        let mut firmware = Firmware::new(&DepthSettings::default());
+        firmware.start(DepthSubFrame::parse([0, target, 0]).unwrap());
+        let poll = |count: &i64| {
+            let moved = *count != firmware.count;
+            firmware.count = *count;
+            let progress = firmware.poll(moved);
+            (firmware.law.drive(), progress == Progress::Done)
+        };
+        counts.iter().map(poll).collect()
+    }
+
+    #[test]
+    fn beyond_its_target_it_drives_back_once_it_has_stood_for_four_polls() {
+        let found = polls(2, &[1, 2, 4, 5, 5, 5, 5, 5, 4, 2, 2]);
+        let drives: Vec<i64> = found.iter().map(|(drive, _)| *drive).collect();
+        assert_eq!(drives, [1, 0, 0, 0, 0, 0, 0, -1, -1, 0, 0]);
+        assert!(found.iter().all(|(_, done)| !done));
+    }
+
+    #[test]
+    fn it_is_done_at_the_fourth_poll_within_a_slot_of_its_target() {
+        for counts in [[1, 2, 2, 2, 2, 2], [1, 2, 3, 3, 3, 3], [1, 2, 3, 2, 1, 2]] {
+            let found: Vec<bool> = polls(2, &counts).iter().map(|(_, done)| *done).collect();
+            assert_eq!(found, [false, false, false, false, true, true], "{counts:?}");
+        }
+        // One poll outside, and it counts again.
+        let found: Vec<bool> = polls(2, &[2, 2, 2, 4, 3, 3, 3, 3]).iter().map(|(_, done)| *done).collect();
+        assert_eq!(found, [false, false, false, false, false, false, false, true]);
+    }
+}

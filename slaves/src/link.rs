@@ -365,6 +365,33 @@ mod tests {
     }
 
     #[test]
+    fn a_character_at_the_instant_at_which_the_gap_ends_still_belongs_to_the_sub_frame() {
+        for (late, taken) in [(0, true), (1, false)] {
+            let mut link = Heard::<2>::new().link;
+            assert_eq!(link.receive(Instant::START, Character::good(1)), None);
+            let at = Instant::START + CHARACTER.times(GAP_CHARACTERS) + Span::from_nanos(late);
+            assert_eq!(link.receive(at, Character::good(2)).is_some(), taken);
+        }
+    }
+
+    #[test]
+    fn it_wants_to_run_at_the_earlier_of_a_gap_and_a_free_transmitter() {
+        let mut heard = Heard::<4>::new();
+        heard.byte(0, 1);
+        let gap = (Instant::START + CHARACTER.times(GAP_CHARACTERS), "gap in a sub-frame");
+        assert_eq!(heard.link.poll_timeout(), Some(gap));
+        heard.link.answer();
+        assert_eq!(heard.link.poll_timeout(), Some((Instant::START, "transmitter free")));
+        let free = heard.link.poll_character(Instant::from_nanos(1_000)).unwrap().end;
+        assert_eq!(heard.link.poll_timeout(), Some((free, "transmitter free")));
+        heard.link.poll_character(free);
+        heard.link.answer();
+        let later = heard.link.poll_character(free + CHARACTER.times(2)).unwrap().end;
+        assert!(later > gap.0);
+        assert_eq!(heard.link.poll_timeout(), Some(gap));
+    }
+
+    #[test]
     fn a_lone_enq_is_an_enquiry_after_the_gap() {
         let mut heard = Heard::<4>::new();
         heard.byte(0, ENQ);

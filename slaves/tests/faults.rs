@@ -233,6 +233,17 @@ fn after_a_loss_of_supply_a_slave_counts_from_where_it_coasted_to() {
     assert!((bench.value("position_counts") - 100).abs() <= 1);
     assert_eq!(bench.value("carriage_offset_counts"), before + coasted);
 
+    // The infeed axis does not coast far: 13 slots, and the counts are gone.
+    let mut bench = depth();
+    assert_eq!(execute(&mut bench, &slots(13)).0, [ACK]);
+    bench.stimulus(Stimulus::Power(false));
+    bench.stimulus(Stimulus::Power(true));
+    assert_eq!((bench.value("position_counts"), bench.value("carriage_offset_counts")), (0, 13));
+    bench.ask();
+    assert_eq!(bench.replies(), [CAN, b'r']);
+    assert_eq!(execute(&mut bench, &slots(-3)).0, [ACK]);
+    assert_eq!((bench.value("position_counts"), bench.value("carriage_offset_counts")), (-3, 13));
+
     // Powered on while it coasts, it watches itself coast.
     let mut bench = spindle();
     execute(&mut bench, &[200]);
@@ -290,6 +301,14 @@ fn the_service_mode_drives_the_main_motor_whatever_its_law_says() {
     bench.run_ms(s(30));
     let rpm = 380.0 * 60.0 / core::f64::consts::TAU;
     assert!((bench.value("speed_rpm") as f64 - rpm).abs() <= 5.0, "{}", bench.value("speed_rpm"));
+    // At once: with its firmware hung, it stays there.
+    let mut hung = spindle();
+    hung.hung = true;
+    hung.stimulus(MotorStimulus::Drive(667).of(0));
+    hung.run_ms(s(30));
+    hung.hung = false;
+    hung.run_ms(s(1));
+    assert!((hung.value("speed_rpm") as f64 - rpm).abs() <= 5.0, "{}", hung.value("speed_rpm"));
     // The law regulates on from where it stood.
     bench.stimulus(MotorStimulus::Drive(0).of(0));
     bench.run_ms(s(20));

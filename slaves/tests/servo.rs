@@ -346,6 +346,20 @@ fn a_hard_stop_opens_the_loop() {
 }
 
 #[test]
+fn beyond_the_travel_a_program_may_rest() {
+    for drive in [1_000, -1_000] {
+        let mut bench = servo(|settings| settings.plant.travel_mm = 10.0);
+        bench.stimulus(MotorStimulus::Drive(drive).of(0));
+        bench.run_ms(s(2));
+        bench.stimulus(MotorStimulus::Drive(0).of(0));
+        assert!(!(0..=1_250).contains(&bench.value("position_counts")));
+        run_program(&mut bench, &[0, 0]);
+        bench.run_ms(50);
+        assert_eq!(events(&mut bench)[2], "run over after 2 increments");
+    }
+}
+
+#[test]
 fn driven_into_a_hard_stop_it_gives_up() {
     let mut bench = servo(|settings| settings.plant.travel_mm = 10.0);
     // The encoder loses counts on the way out, so the end comes too early.

@@ -101,6 +101,28 @@ mod tests {
     }
 
     #[test]
+    fn it_is_level_if_the_output_stays_with_the_error_at_zero() {
+        let after = |form: PositionForm, k2: f64, errors: &[f64]| {
+            let mut pid = Pid::new(form, Gains { k2, ..GAINS }, 0.030, 255.0);
+            errors.iter().for_each(|error| _ = pid.step(*error, 0.0, 0.0));
+            pid.is_level()
+        };
+        for (form, k2, errors, level) in [
+            (PositionForm::Pid, 0.5, &[][..], true),
+            (PositionForm::Pid, 0.5, &[4.0], false),
+            (PositionForm::Pid, 2.0, &[4.0, 0.0], true),
+            (PositionForm::Literal, 0.5, &[4.0, 0.0], true),
+            // Its output feeds itself: with a gain above one it grows.
+            (PositionForm::Literal, 2.0, &[4.0, 0.0], false),
+            (PositionForm::Literal, 1.0, &[4.0, 0.0], true),
+            (PositionForm::Literal, 2.0, &[], true),
+            (PositionForm::Literal, 0.5, &[4.0], false),
+        ] {
+            assert_eq!(after(form, k2, errors), level, "{form:?} {k2} {errors:?}");
+        }
+    }
+
+    #[test]
     fn the_integral_does_not_wind_up_at_the_limit() {
         let mut pid = Pid::new(PositionForm::Pid, Gains { zone: 1e9, ..GAINS }, 0.030, 255.0);
         (0..10_000).for_each(|_| _ = pid.step(300.0, 0.0, 0.0));

@@ -111,6 +111,10 @@ mod tests {
             settles.position()
         });
         assert_eq!(places, [0.4e-6, 0.8e-6, 0.0]);
+        // A millionth itself is not smaller.
+        let mut stays = plant();
+        [STANDS, 0.0, 0.0].into_iter().for_each(|input| stays.step(input));
+        assert_eq!(stays.position(), 2.0 * STANDS);
     }
 
     #[test]
