@@ -1,0 +1,252 @@
+use super::*;
+use crate::board::{Deadline, Description};
+use crate::clock::{Clock, Rate};
+use crate::uart::Transmitter;
+
+const BAUD: Rate = Rate::hz(9600);
+
+fn ms(ms: u64) -> Instant {
+    Instant::START + Span::from_millis(ms)
+}
+
+/// Counts what it hears, ticks every 30 ms, and speaks at 500 ms whatever it says of itself.
+#[derive(Clone, Debug)]
+struct Counter {
+    claims_to_be_mute: bool,
+    speaks: bool,
+    tick: Instant,
+    uart: Transmitter,
+    outputs: VecDeque<Output>,
+}
+
+impl Counter {
+    fn new(claims_to_be_mute: bool, speaks: bool) -> Self {
+        let uart = Transmitter::hardware(BAUD, Clock::TRUE);
+        Self { claims_to_be_mute, speaks, tick: ms(30), uart, outputs: VecDeque::new() }
+    }
+}
+
+impl Board for Counter {
+    fn description(&self) -> Description {
+        Description { ports: vec!["port".to_owned()], ..Description::default() }
+    }
+
+    fn receivers(&self) -> Vec<Receiver> {
+        vec![Receiver::hardware(BAUD, Clock::TRUE)]
+    }
+
+    fn handle_input(&mut self, _: Instant, input: Input) {
+        if let Input::Character { character, .. } = input {
+            let event = u8::from(character.overrun);
+            self.outputs.push_back(Output::Event { event, value: i64::from(character.byte) });
+        }
+    }
+
+    fn handle_timeout(&mut self, now: Instant) {
+        self.outputs.push_back(Output::Telemetry { signal: 0, value: now.as_nanos() as i64 });
+        self.tick = self.tick.max(now) + Span::from_millis(30);
+        if self.speaks && now >= ms(500) {
+            self.speaks = false;
+            self.uart.push(b'!');
+            let loaded = self.uart.load(now).unwrap();
+            self.outputs.push_back(Output::Character { port: 0, edges: loaded.edges, end: loaded.end });
+        }
+    }
+
+    fn poll_output(&mut self) -> Option<Output> {
+        self.outputs.pop_front()
+    }
+
+    fn poll_timeout(&self) -> Option<Deadline> {
+        Some(Deadline { at: self.tick, why: "tick" })
+    }
+
+    fn mute(&self) -> bool {
+        self.claims_to_be_mute
+    }
+}
+
+fn byte(byte: u8, at: Instant) -> Heard {
+    let mut uart = Transmitter::hardware(BAUD, Clock::TRUE);
+    uart.push(byte);
+    Heard::Edges { port: 0, edges: uart.load(at).unwrap().edges }
+}
+
+fn turn(until: Instant, heard: Vec<Heard>) -> Turn {
+    Turn { commit: Instant::START, until, heard }
+}
+
+#[test]
+fn runs_ahead_to_the_next_output_and_promises_it() {
+    let mut stepper = Stepper::new(Counter::new(false, true));
+    let batch = stepper.turn(turn(ms(1), vec![])).unwrap();
+    let spoke = batch.outputs.iter().find(|told| matches!(told.output, Output::Character { .. })).unwrap();
+    assert_eq!(spoke.at, ms(510));
+    assert!(batch.horizon > spoke.at && batch.mute_since.is_none());
+}
+
+#[test]
+fn a_silent_board_is_run_ahead_to_the_cap_and_a_mute_one_not_at_all() {
+    let batch = Stepper::new(Counter::new(false, false)).turn(turn(ms(1), vec![])).unwrap();
+    assert_eq!(batch.horizon, ms(1110));
+    let batch = Stepper::new(Counter::new(true, false)).turn(turn(ms(1), vec![])).unwrap();
+    assert_eq!((batch.horizon, batch.mute_since), (ms(30), Some(Instant::START)));
+}
+
+#[test]
+fn what_is_heard_takes_back_what_was_told_from_its_effect_on() {
+    let mut stepper = Stepper::new(Counter::new(false, false));
+    stepper.turn(turn(ms(1), vec![])).unwrap();
+    let batch = stepper.turn(turn(ms(1), vec![byte(7, ms(100))])).unwrap();
+    assert!(batch.from > ms(100) && batch.from < ms(101));
+    assert_eq!(batch.outputs[0].output, Output::Event { event: 0, value: 7 });
+    assert!(batch.outputs.iter().all(|told| told.at >= batch.from));
+}
+
+#[test]
+fn a_broken_promise_is_named() {
+    let mut stepper = Stepper::new(Counter::new(true, true));
+    stepper.turn(turn(ms(1), vec![])).unwrap();
+    assert_eq!(stepper.turn(turn(ms(1000), vec![])), Err(BrokenPromise { at: ms(510) }));
+}
+
+/// Concludes something 50 ms after each character.
+#[derive(Clone, Debug, Default)]
+struct Patient(Option<Instant>);
+
+impl Board for Patient {
+    fn description(&self) -> Description {
+        Description { ports: vec!["port".to_owned()], ..Description::default() }
+    }
+
+    fn receivers(&self) -> Vec<Receiver> {
+        vec![Receiver::hardware(BAUD, Clock::TRUE)]
+    }
+
+    fn handle_input(&mut self, now: Instant, _: Input) {
+        self.0 = Some(now + Span::from_millis(50));
+    }
+
+    fn handle_timeout(&mut self, _: Instant) {
+        self.0 = None;
+    }
+
+    fn poll_output(&mut self) -> Option<Output> {
+        None
+    }
+
+    fn poll_timeout(&self) -> Option<Deadline> {
+        self.0.map(|at| Deadline { at, why: "silence" })
+    }
+
+    fn silence(&self) -> Option<Instant> {
+        self.0
+    }
+}
+
+#[test]
+fn a_silence_is_told_until_it_has_lasted_and_only_if_it_lasts() {
+    let silences = |stepper: &mut Stepper<Patient>, heard| -> Vec<u64> {
+        let batch = stepper.turn(turn(ms(1), heard)).unwrap();
+        batch.silences.iter().map(|silence| silence.deadline.since(ms(0)).as_nanos() / 1_000_000).collect()
+    };
+    let mut stepper = Stepper::new(Patient::default());
+    // The first is broken by the second character, 20 ms later.
+    let heard = vec![byte(1, ms(100)), byte(2, ms(120)), byte(3, ms(300))];
+    assert_eq!(silences(&mut stepper, heard), [170, 350]);
+    assert_eq!(silences(&mut stepper, vec![byte(4, ms(340))]), [390], "broken after it was told");
+    assert_eq!(silences(&mut stepper, vec![byte(5, ms(500))]), [550]);
+}
+
+#[test]
+fn a_hung_board_does_nothing_and_its_fifo_overruns() {
+    let mut cell = Cell::new(Counter::new(false, true));
+    let hang = |at, hung| Heard::Stimulus { at, stimulus: Stimulus::Hang(hung) };
+    [hang(ms(100), true), hang(ms(2000), false)].iter().for_each(|heard| cell.hear(heard));
+    (1..=3).for_each(|n| cell.hear(&byte(n, ms(200 * u64::from(n)))));
+    let mut told = Vec::new();
+    cell.run(ms(2001), |at, output| told.push((at, output)));
+    let during: Vec<_> = told.iter().filter(|(at, _)| *at >= ms(100) && *at < ms(2000)).collect();
+    assert!(during.is_empty(), "{during:?}");
+    let fetched: Vec<_> = told.iter().filter(|(_, output)| matches!(output, Output::Event { .. })).collect();
+    let (first, second) = (Output::Event { event: 1, value: 1 }, Output::Event { event: 1, value: 2 });
+    assert_eq!(fetched, [&(ms(2000), first), &(ms(2000), second)]);
+    // The deadlines that passed meanwhile are due at once.
+    assert!(told.iter().any(|(at, output)| *at == ms(2000) && matches!(output, Output::Character { .. })));
+}
+
+fn stimulus(at: Instant, stimulus: Stimulus) -> Heard {
+    Heard::Stimulus { at, stimulus }
+}
+
+fn run(cell: &mut Cell<Counter>, until: Instant) -> Vec<(Instant, Output)> {
+    let mut told = Vec::new();
+    cell.run(until, |at, output| told.push((at, output)));
+    told
+}
+
+/// When each character was handled, its byte, and whether it was marked as overrun.
+fn characters(told: &[(Instant, Output)]) -> Vec<(u64, i64, bool)> {
+    let character = |(at, output): &(Instant, Output)| match output {
+        Output::Event { event, value } => Some((at.as_nanos() / 1_000_000, *value, *event == 1)),
+        _ => None,
+    };
+    told.iter().filter_map(character).collect()
+}
+
+#[test]
+fn slow_firmware_handles_one_thing_at_a_time_and_its_fifo_overruns() {
+    let mut cell = Cell::new(Counter::new(false, false));
+    cell.hear(&stimulus(ms(185), Stimulus::Slow(Span::from_millis(10))));
+    (0..4).for_each(|n| cell.hear(&byte(1 + n, ms(190 + 2 * u64::from(n)))));
+    cell.hear(&stimulus(ms(245), Stimulus::Slow(Span::ZERO)));
+    let told = run(&mut cell, ms(280));
+    assert_eq!(characters(&told), [(190, 1, false), (200, 2, true), (210, 3, true)]);
+    let telemetry = told.iter().filter(|(_, output)| matches!(output, Output::Telemetry { .. }));
+    let ticks: Vec<u64> = telemetry.map(|(at, _)| at.as_nanos() / 100_000).filter(|at| *at > 1_800).collect();
+    // The tick of 210 ms waits for the last character; healed in mid-work, the firmware is free at once.
+    assert_eq!(ticks, [2_209, 2_509]);
+}
+
+#[test]
+fn a_slow_board_with_characters_to_fetch_is_not_mute() {
+    let mut stepper = Stepper::new(Counter::new(true, false));
+    let slow = stimulus(ms(1), Stimulus::Slow(Span::from_millis(100)));
+    let batch = stepper.turn(turn(ms(6), vec![slow, byte(1, ms(2)), byte(2, ms(4))])).unwrap();
+    assert!(batch.outputs.iter().any(|told| told.output == Output::Event { event: 0, value: 2 }));
+    assert_eq!(batch.mute_since.map(|since| since.as_nanos() / 1_000_000), Some(103));
+}
+
+#[test]
+fn a_board_without_supply_is_cut_off_and_deaf_and_starts_with_nothing_in_its_ears() {
+    let mut cell = Cell::new(Counter::new(false, true));
+    let power = |at, on| stimulus(at, Stimulus::Power(on));
+    // In mid-character; again without effect; back in mid-character.
+    let (off, again, on) = (ms(510) + Span::from_micros(500), ms(600), ms(700) + Span::from_micros(50));
+    cell.hear(&stimulus(ms(100), Stimulus::Hang(false)));
+    [power(off, false), power(again, false), power(on, true), power(ms(800), true)].iter().for_each(|h| cell.hear(h));
+    [(1, 509), (2, 550), (0xff, 700), (4, 720)].iter().for_each(|(n, at)| cell.hear(&byte(*n, ms(*at))));
+    let told = run(&mut cell, ms(900));
+    let cuts: Vec<_> = told.iter().filter(|(_, output)| matches!(output, Output::Cut { .. })).collect();
+    assert_eq!(cuts, [&(off, Output::Cut { port: 0 })]);
+    assert_eq!(characters(&told), [(510, 1, false), (720, 4, false)]);
+    assert!(!told.iter().any(|(at, _)| *at > off && *at < on));
+    assert!(told.iter().any(|(at, _)| *at == on), "its deadlines go on");
+}
+
+#[test]
+fn power_on_ends_a_hang_and_empties_the_fifo() {
+    let mut cell = Cell::new(Counter::new(false, false));
+    let stimuli = [
+        (100, Stimulus::Hang(true)),
+        (300, Stimulus::Power(false)),
+        (310, Stimulus::Hang(true)),
+        (320, Stimulus::Power(true)),
+        // The release of a hang that is over.
+        (400, Stimulus::Hang(false)),
+        (500, Stimulus::Hang(true)),
+    ];
+    stimuli.iter().for_each(|(at, what)| cell.hear(&stimulus(ms(*at), what.clone())));
+    [(1, 200), (2, 350), (3, 510)].iter().for_each(|(n, at)| cell.hear(&byte(*n, ms(*at))));
+    assert_eq!(characters(&run(&mut cell, ms(900))), [(350, 2, false)]);
+}
