@@ -87,7 +87,7 @@ impl<B: Board> Cell<B> {
         match heard {
             Heard::Edges { port, edges } => {
                 if let Some(receiver) = self.receivers.get_mut(usize::from(*port)) {
-                    receiver.hear(edges);
+                    receiver.hear_ahead(edges);
                     self.note_coming();
                 }
             }
@@ -430,10 +430,21 @@ impl<B: Board> Stepper<B> {
             last.since.extend(turn.heard);
         }
         self.run_ahead(turn.until, effect, &mut batch);
+        self.settle(turn.commit);
         batch.horizon = self.horizon;
         batch.mute_since = self.head.mute_since;
         batch.ears = self.head.receivers.iter().map(Receiver::ear).collect();
         Ok(batch)
+    }
+
+    /// Lets the receivers forget what nothing can change that is still heard or still happens.
+    fn settle(&mut self, commit: Instant) {
+        let certain = self.horizon.min(commit);
+        for receiver in &mut self.head.receivers {
+            // An edge matters when the character is complete that it starts or changes.
+            let settled = certain - receiver.lookahead().times(2);
+            receiver.settle(settled);
+        }
     }
 
     /// Drops the checkpoints that no input can make necessary any more: none will matter before `commit`.

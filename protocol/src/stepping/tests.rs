@@ -1,6 +1,7 @@
 use super::*;
 use crate::board::{Deadline, Description};
 use crate::clock::{Clock, Rate};
+use crate::line::{Edge, Level};
 use crate::uart::Transmitter;
 
 const BAUD: Rate = Rate::hz(9600);
@@ -101,6 +102,22 @@ fn what_is_heard_takes_back_what_was_told_from_its_effect_on() {
     assert!(batch.from > ms(100) && batch.from < ms(101));
     assert_eq!(batch.outputs[0].output, Output::Event { event: 0, value: 7 });
     assert!(batch.outputs.iter().all(|told| told.at >= batch.from));
+}
+
+#[test]
+fn noise_that_has_become_certain_leaves_nothing_behind() {
+    let mut stepper = Stepper::new(Counter::new(true, false));
+    let mut size = |n: u64| {
+        let (from, until) = (ms(n), ms(n + 1));
+        // Some are seen and found to be no start bit, some are never seen.
+        let edges = [(0, Level::Low), (5_000 * (n % 6), Level::High)];
+        let edge = |(ns, level): &(u64, Level)| Edge { at: from + Span::from_nanos(*ns), level: *level };
+        let heard = vec![Heard::Edges { port: 0, edges: edges.iter().map(edge).collect() }];
+        stepper.turn(Turn { commit: from, until, heard }).unwrap();
+        format!("{:?}", stepper.head.receivers).len()
+    };
+    let sizes: Vec<usize> = (1..1_000).map(&mut size).collect();
+    assert!(sizes.iter().max() < Some(&(2 * sizes[100])), "{:?}", sizes.iter().max());
 }
 
 #[test]

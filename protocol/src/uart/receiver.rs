@@ -141,14 +141,19 @@ impl Receiver {
         self.buffered
     }
 
-    /// Hears edges, in order.
+    /// Hears edges, in order. The receiver is not tuned again before the first of them.
     pub fn hear(&mut self, edges: &[Edge]) {
+        if let Some(first) = edges.first() {
+            self.settle(first.at);
+        }
+        self.hear_ahead(edges);
+    }
+
+    /// Hears edges, in order. The receiver may still be tuned again before them: what it needs for that is kept until
+    /// [`Receiver::settle`].
+    pub fn hear_ahead(&mut self, edges: &[Edge]) {
         let Some(first) = edges.first() else { return };
         self.forget_tunings(first.at);
-        // An edge at the instant of a cut can undo it: what lay before still counts then.
-        if self.line.last_at() != Some(first.at) {
-            self.forget_before(first.at);
-        }
         self.reconsider(first.at);
         edges.iter().for_each(|edge| self.line.push(*edge));
         self.follow_up();
@@ -231,8 +236,9 @@ impl Receiver {
         }
     }
 
-    /// Forgets what can no longer become a character: nothing that is still to be heard lies before `at`.
-    fn forget_before(&mut self, at: Instant) {
+    /// Forgets what can no longer become a character: nothing that is still to be heard, and no other tuning, lies
+    /// before `at`.
+    pub fn settle(&mut self, at: Instant) {
         while let Some(attempt) =
             self.attempts.front().filter(|attempt| attempt.character.is_none() && attempt.until <= at)
         {
@@ -240,7 +246,8 @@ impl Receiver {
             self.search_from = attempt.until;
             self.attempts.pop_front();
         }
-        if self.attempts.is_empty() {
+        // An edge at the instant of a cut can undo it: what lay before still counts then.
+        if self.attempts.is_empty() && self.line.last_at().is_none_or(|last| last < at) {
             self.search_from = self.search_from.max(at);
         }
         self.line.forget_before(self.search_from);
