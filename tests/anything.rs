@@ -15,7 +15,7 @@ use torno::scenario::Scenario;
 use torno_protocol::board::Stimulus;
 use torno_protocol::lathe::{Frame, Program};
 use torno_protocol::line::{Edge, Level};
-use torno_protocol::record::{self, Batch, FromBoard, Heard, Setup, ToBoard, Turn};
+use torno_protocol::record::{self, FromBoard, Grant, Heard, Report, Setup, ToBoard};
 use torno_protocol::servo::Command;
 use torno_protocol::time::{Instant, Span};
 
@@ -165,16 +165,16 @@ fn encoded<R: serde::Serialize>(records: &[R]) -> Vec<u8> {
 fn to_board_records() -> Vec<ToBoard> {
     let edges = |n: u64| (0..n).map(|n| Edge { at: Instant::from_nanos(1000 * n), level: Level::Low }).collect();
     let heard = vec![Heard::Edges { port: 1, edges: edges(5) }];
-    let turn = Turn { commit: Instant::from_nanos(7), until: Instant::from_nanos(9000), heard };
+    let grant = Grant { commit: Instant::from_nanos(7), until: Instant::from_nanos(9000), heard };
     vec![
         ToBoard::Setup(Setup::default()),
         ToBoard::Heard(vec![Heard::Edges { port: 0, edges: edges(3) }]),
-        ToBoard::Turn(turn),
+        ToBoard::Grant(grant),
     ]
 }
 
 fn from_board_records() -> Vec<FromBoard> {
-    vec![FromBoard::Broken("no".to_owned()), FromBoard::Batch(Batch::default()), FromBoard::Told(Vec::new())]
+    vec![FromBoard::Broken("no".to_owned()), FromBoard::Report(Report::default()), FromBoard::Told(Vec::new())]
 }
 
 // --- any bytes, and valid ones that were changed --------------------------------------------------------------------

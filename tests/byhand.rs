@@ -112,7 +112,7 @@ fn a_place_is_for_its_owner_and_is_gone_when_it_is_taken() {
     // The port cannot be put there: the rig ends before it has begun, and the board says so.
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(2));
-    assert!(complaint(&output).contains("the rig let this board go before its first turn"), "{}", complaint(&output));
+    assert!(complaint(&output).contains("the rig let this board go before its first grant"), "{}", complaint(&output));
     assert_eq!(waiting.end().0, Some(2));
 }
 

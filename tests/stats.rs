@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use crate::common::{folder, json, output, rig_of};
 use serde_json::Value;
-use torno::report::{BytesPerTurn, Stats};
+use torno::report::{BytesPerGrant, Stats};
 use torno::rig::{Bytes, Cost};
 use torno_engine::Statistics;
 
@@ -29,25 +29,25 @@ fn counted(stats: &Value) -> Value {
     counted
 }
 
-/// How many turns each had, and how many of them were redone.
-fn turns(stats: &Value) -> Vec<(u64, u64)> {
+/// How many grants each had, and how many of them were redone.
+fn grants(stats: &Value) -> Vec<(u64, u64)> {
     let boards = ["master", "spindle", "transverse", "depth"].map(|name| &stats["boards"][name]);
     let shares = [stats, &stats["pc"]].into_iter().chain(boards);
-    shares.map(|shares| (shares["turns"].as_u64().unwrap(), shares["redone"].as_u64().unwrap())).collect()
+    shares.map(|shares| (shares["grants"].as_u64().unwrap(), shares["redone"].as_u64().unwrap())).collect()
 }
 
 #[test]
 fn the_demonstration_takes_at_most_six_turns_of_boards_a_virtual_second() {
     let summary = run(&[]);
-    let per_s = summary["stats"]["turns_per_virtual_s"].as_f64().unwrap();
+    let per_s = summary["stats"]["grants_per_virtual_s"].as_f64().unwrap();
     assert!(per_s <= 6.0, "{per_s}: {}", summary["stats"]);
 }
 
-/// What a node has cost: wall time in seconds, turns, those redone, bytes.
-fn cost(name: &str, wall_s: u64, turns: u64, redone: u64, bytes: Option<(u64, u64)>) -> Cost {
+/// What a node has cost: wall time in seconds, grants, those redone, bytes.
+fn cost(name: &str, wall_s: u64, grants: u64, redone: u64, bytes: Option<(u64, u64)>) -> Cost {
     Cost {
         name: name.to_owned(),
-        statistics: Statistics { turns, redone },
+        statistics: Statistics { grants, redone },
         bytes: bytes.map(|(to, from)| Bytes { to, from }),
         wall: Duration::from_secs(wall_s),
     }
@@ -61,15 +61,15 @@ fn costs_are_summed_over_the_boards_and_the_pc_is_the_harness_s_own_work() {
         cost("pc", 5, 1000, 500, None),
     ];
     let stats = Stats::new(&costs, 8.0, Duration::from_secs(20), Duration::from_secs(17));
-    assert_eq!((stats.all.turns, stats.all.redone, stats.all.turns_per_virtual_s), (40, 4, 5.0));
-    assert_eq!(stats.all.bytes_per_turn, Some(BytesPerTurn { to_board: 10.0, from_board: 2.0 }));
+    assert_eq!((stats.all.grants, stats.all.redone, stats.all.grants_per_virtual_s), (40, 4, 5.0));
+    assert_eq!(stats.all.bytes_per_grant, Some(BytesPerGrant { to_board: 10.0, from_board: 2.0 }));
     assert_eq!((stats.starting_s, stats.all.waiting_s, stats.own_s), (3.0, 4.0, 13.0));
-    let boards: Vec<_> = stats.boards.iter().map(|(name, of)| (&**name, of.turns, of.waiting_s)).collect();
+    let boards: Vec<_> = stats.boards.iter().map(|(name, of)| (&**name, of.grants, of.waiting_s)).collect();
     assert_eq!(boards, [("master", 10, 1.0), ("depth", 30, 3.0)]);
-    assert_eq!((stats.pc.turns, stats.pc.turns_per_virtual_s, stats.pc.bytes_per_turn), (1000, 125.0, None));
+    assert_eq!((stats.pc.grants, stats.pc.grants_per_virtual_s, stats.pc.bytes_per_grant), (1000, 125.0, None));
     // What was over before it began has cost nothing.
     let none = Stats::new(&costs[2..], 0.0, Duration::ZERO, Duration::ZERO);
-    assert_eq!((none.all.turns_per_virtual_s, none.starting_s, none.own_s), (0.0, 0.0, 0.0));
+    assert_eq!((none.all.grants_per_virtual_s, none.starting_s, none.own_s), (0.0, 0.0, 0.0));
 }
 
 #[test]
@@ -77,16 +77,16 @@ fn what_is_counted_is_the_same_each_time_and_turns_are_the_same_without_processe
     let [processes, again] = [(); 2].map(|()| run(&[]));
     assert_eq!(counted(&processes["stats"]), counted(&again["stats"]));
     let in_process = run(&["--in-process"]);
-    assert_eq!(turns(&processes["stats"]), turns(&in_process["stats"]));
+    assert_eq!(grants(&processes["stats"]), grants(&in_process["stats"]));
     for board in ["master", "spindle", "transverse", "depth"] {
         for way in ["to_board", "from_board"] {
-            let bytes = processes["stats"]["boards"][board]["bytes_per_turn"][way].as_f64().unwrap();
+            let bytes = processes["stats"]["boards"][board]["bytes_per_grant"][way].as_f64().unwrap();
             // At least the length of a record, and what it is.
             assert!(bytes > 5.0, "{board} {way}: {bytes}");
         }
-        assert!(in_process["stats"]["boards"][board].get("bytes_per_turn").is_none());
+        assert!(in_process["stats"]["boards"][board].get("bytes_per_grant").is_none());
     }
-    assert!(processes["stats"]["pc"].get("bytes_per_turn").is_none());
+    assert!(processes["stats"]["pc"].get("bytes_per_grant").is_none());
 }
 
 #[test]
@@ -123,7 +123,7 @@ fn the_table_for_people_comes_after_the_summary_and_is_aligned() {
         let names: Vec<String> = lines.iter().map(first).collect();
         assert_eq!(names, ["cost", "master", "spindle", "transverse", "depth", "all boards", "pc", "wall"], "{text}");
         assert!(lines[..7].iter().all(|line| line.len() == lines[0].len()), "{table}");
-        assert_eq!(lines[0].split_whitespace().nth(1), Some("turns"));
+        assert_eq!(lines[0].split_whitespace().nth(1), Some("grants"));
     }
 }
 
@@ -139,15 +139,15 @@ fn forty_boards_run_and_those_that_idle_take_next_to_no_turns() {
     assert_eq!(ten["boards"]["master0"]["frames_distributed"], 30);
     for (name, shares) in boards.iter().filter(|(name, _)| !name.ends_with('0')) {
         // The start, the master's enquiry, its answer.
-        assert!(shares["turns"].as_u64().unwrap() <= 3, "{name}: {shares}");
+        assert!(shares["grants"].as_u64().unwrap() <= 3, "{name}: {shares}");
     }
     // The one that works is served as if it were alone.
     let alone = run(&[]);
     for kind in ["master", "spindle", "transverse", "depth"] {
         let found = &ten["stats"]["boards"][format!("{kind}0")];
-        assert_eq!(found["turns"], alone["stats"]["boards"][kind]["turns"], "{kind}");
+        assert_eq!(found["grants"], alone["stats"]["boards"][kind]["grants"], "{kind}");
     }
     assert_eq!(ten["virtual_s"], alone["virtual_s"]);
     let in_process = run(&[path, "--in-process"]);
-    assert_eq!((&in_process["digest"], &in_process["stats"]["turns"]), (&ten["digest"], &ten["stats"]["turns"]));
+    assert_eq!((&in_process["digest"], &in_process["stats"]["grants"]), (&ten["digest"], &ten["stats"]["grants"]));
 }

@@ -42,7 +42,7 @@ impl Sub for Bytes {
 }
 
 /// One end of the way. It never blocks: what the socket does not take at once is queued, and is sent while the end
-/// waits for the other's answer. As an end that has sent a turn, or the answer to one, waits for the other, no more
+/// waits for the other's answer. As an end that has sent a grant, or the answer to one, waits for the other, no more
 /// than that is queued.
 #[derive(Debug)]
 pub(crate) struct Channel {

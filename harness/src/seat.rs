@@ -1,4 +1,4 @@
-//! A board's process: takes its turns from the harness, over the socket that is its standard input or one that it
+//! A board's process: takes its grants from the harness, over the socket that is its standard input or one that it
 //! joins.
 
 use std::future::poll_fn;
@@ -18,7 +18,7 @@ use torno_machines::kinds::{self, Steps};
 pub enum SeatError {
     /// Standard input is not a socket.
     #[error(
-        "a board takes its turns from the harness, over a socket that it inherits as its standard input; \
+        "a board takes its grants from the harness, over a socket that it inherits as its standard input; \
          to bring up a rig with all its boards, use 'torno up' or 'torno run', and to join one that waits for this \
          board, --join"
     )]
@@ -35,7 +35,7 @@ pub enum SeatError {
     #[error("this is not the board that the rig waits for: {0}")]
     Unfit(String),
     /// It has joined, and the rig has let it go.
-    #[error("the rig let this board go before its first turn: the rig says why, or has ended")]
+    #[error("the rig let this board go before its first grant: the rig says why, or has ended")]
     LetGo,
     /// The socket failed.
     #[error("the harness cannot be understood")]
@@ -64,11 +64,11 @@ pub async fn run(kind: &str, join: Option<&Path>) -> Result<(), SeatError> {
 
 /// How it was when the harness closed the socket.
 enum Ended {
-    /// It had had a turn.
+    /// It had had a grant.
     InRig,
     /// It could not be what it was to be, for this reason.
     Unfit(String),
-    /// It had had no turn.
+    /// It had had no grant.
     LetGo,
 }
 
@@ -93,13 +93,13 @@ async fn take_turns(kind: &str, socket: UnixStream) -> Result<Ended, SeatError> 
                 heard.extend(beginning);
                 continue;
             }
-            (ToBoard::Turn(mut turn), Some(board)) => {
+            (ToBoard::Grant(mut grant), Some(board)) => {
                 ended = Ended::InRig;
-                heard.append(&mut turn.heard);
-                turn.heard = core::mem::take(&mut heard);
-                match board.turn(turn) {
-                    Ok(batch) => {
-                        batch.into_records().try_for_each(|record| send(&mut channel, &record))?;
+                heard.append(&mut grant.heard);
+                grant.heard = core::mem::take(&mut heard);
+                match board.grant(grant) {
+                    Ok(report) => {
+                        report.into_records().try_for_each(|record| send(&mut channel, &record))?;
                         continue;
                     }
                     Err(error) => FromBoard::Broken(error.to_string()),
@@ -116,7 +116,7 @@ async fn take_turns(kind: &str, socket: UnixStream) -> Result<Ended, SeatError> 
                     FromBoard::Broken(message)
                 }
             },
-            (ToBoard::Turn(_), None) => FromBoard::Broken("was given a turn before it was set up".to_owned()),
+            (ToBoard::Grant(_), None) => FromBoard::Broken("was given a grant before it was set up".to_owned()),
             (ToBoard::Setup(_), Some(_)) => FromBoard::Broken("was set up twice".to_owned()),
         };
         send(&mut channel, &answer)?;

@@ -1,8 +1,8 @@
 //! The records between the harness and a board's process.
 //!
 //! A record is a length (four bytes, little-endian) and that many bytes of `postcard`. The harness opens with
-//! [`ToBoard::Setup`], the board answers [`FromBoard::Ready`]; from then on each [`ToBoard::Turn`] is answered by one
-//! [`FromBoard::Batch`]. What is too much for one record goes ahead of it in [`ToBoard::Heard`] and
+//! [`ToBoard::Setup`], the board answers [`FromBoard::Ready`]; from then on each [`ToBoard::Grant`] is answered by one
+//! [`FromBoard::Report`]. What is too much for one record goes ahead of it in [`ToBoard::Heard`] and
 //! [`FromBoard::Told`]. The end of the stream ends the board.
 
 use bytes::{Buf, BufMut, BytesMut};
@@ -31,8 +31,8 @@ pub enum ToBoard {
     /// What the board is to be.
     Setup(Setup),
     /// Time may go on.
-    Turn(Turn),
-    /// The beginning of what the board hears with the next turn.
+    Grant(Grant),
+    /// The beginning of what the board hears with the next grant.
     Heard(Vec<Heard>),
 }
 
@@ -46,11 +46,11 @@ pub enum FromBoard {
         /// What the board consists of.
         description: Description,
     },
-    /// What came of a turn.
-    Batch(Batch),
+    /// What came of a grant.
+    Report(Report),
     /// The board cannot go on; why, for people.
     Broken(String),
-    /// The beginning of what it does in the next batch.
+    /// The beginning of what it does in the next report.
     Told(Vec<Timed>),
 }
 
@@ -69,9 +69,9 @@ pub struct Setup {
     pub settings: String,
 }
 
-/// A board's turn: what has become certain, what it hears, how far it must run.
+/// A board's grant: what has become certain, what it hears, how far it must run.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Turn {
+pub struct Grant {
     /// Nothing that the board hears from now on matters before this instant.
     pub commit: Instant,
     /// Run at least everything before this instant, mute or not.
@@ -106,9 +106,9 @@ pub enum Heard {
     },
 }
 
-/// What came of a turn.
+/// What came of a grant.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Batch {
+pub struct Report {
     /// What was told before of this instant and later no longer holds.
     pub from: Instant,
     /// Everything before this instant has been run and told.
@@ -123,25 +123,25 @@ pub struct Batch {
     pub outputs: Vec<Timed>,
 }
 
-impl Turn {
+impl Grant {
     /// The records that it goes in.
     pub fn into_records(mut self) -> impl Iterator<Item = ToBoard> {
         let (parts, last) = parted(core::mem::take(&mut self.heard), |heard| match heard {
             Heard::Edges { edges, .. } => 1 + edges.len(),
             Heard::Cut { .. } | Heard::Stimulus { .. } => 1,
         });
-        parts.into_iter().map(ToBoard::Heard).chain([ToBoard::Turn(Self { heard: last, ..self })])
+        parts.into_iter().map(ToBoard::Heard).chain([ToBoard::Grant(Self { heard: last, ..self })])
     }
 }
 
-impl Batch {
+impl Report {
     /// The records that it goes in.
     pub fn into_records(mut self) -> impl Iterator<Item = FromBoard> {
         let (parts, last) = parted(core::mem::take(&mut self.outputs), |told| match &told.output {
             Output::Character { edges, .. } => 1 + edges.len(),
             Output::Cut { .. } | Output::Telemetry { .. } | Output::Event { .. } => 1,
         });
-        parts.into_iter().map(FromBoard::Told).chain([FromBoard::Batch(Self { outputs: last, ..self })])
+        parts.into_iter().map(FromBoard::Told).chain([FromBoard::Report(Self { outputs: last, ..self })])
     }
 }
 
@@ -232,21 +232,21 @@ mod tests {
     use crate::board::{Capability, Motor, MotorStimulus, Role, Signal, Wait};
     use crate::line::Level;
 
-    fn turn() -> ToBoard {
+    fn grant() -> ToBoard {
         let edges = vec![Edge { at: Instant::from_nanos(300), level: Level::Low }];
         let commit = Instant::from_nanos(128);
-        ToBoard::Turn(Turn { commit, until: Instant::START, heard: vec![Heard::Edges { port: 2, edges }] })
+        ToBoard::Grant(Grant { commit, until: Instant::START, heard: vec![Heard::Edges { port: 2, edges }] })
     }
 
     /// Byte-exact: if this fails, the version must change, not the test.
     #[test]
     fn version_6_of_a_turn() {
         let mut buffer = BytesMut::new();
-        encode(&turn(), &mut buffer).unwrap();
+        encode(&grant(), &mut buffer).unwrap();
         assert_eq!(buffer[..], [11, 0, 0, 0, 1, 128, 1, 0, 1, 0, 2, 1, 172, 2, 0]);
     }
 
-    /// Byte-exact, as the turn.
+    /// Byte-exact, as the grant.
     #[test]
     fn version_6_of_a_description_and_of_what_happens_to_a_motor() {
         let bytes = |record: &[u8]| [&(record.len() as u32).to_le_bytes(), record].concat();
@@ -283,14 +283,14 @@ mod tests {
     #[test]
     fn a_record_is_read_when_it_is_complete() {
         let mut whole = BytesMut::new();
-        encode(&turn(), &mut whole).unwrap();
+        encode(&grant(), &mut whole).unwrap();
         let mut part = BytesMut::new();
         for byte in &whole[..whole.len() - 1] {
             part.put_u8(*byte);
             assert_eq!(decode::<ToBoard>(&mut part), Ok(None));
         }
         part.put_u8(whole[whole.len() - 1]);
-        assert_eq!(decode(&mut part), Ok(Some(turn())));
+        assert_eq!(decode(&mut part), Ok(Some(grant())));
         assert!(part.is_empty());
     }
 
@@ -315,13 +315,15 @@ mod tests {
         };
         for count in [0, 1, 4_999, 5_000, 500_000, 500_001, 1_700_000] {
             let outputs: Vec<Timed> = (0..count).map(telemetry).collect();
-            let batch = Batch { horizon: Instant::from_nanos(7), outputs: outputs.clone(), ..Batch::default() };
+            let report = Report { horizon: Instant::from_nanos(7), outputs: outputs.clone(), ..Report::default() };
             let mut told = Vec::new();
-            for record in batch.into_records() {
+            for record in report.into_records() {
                 assert!(length(&record) <= LENGTH_MAX);
                 match record {
                     FromBoard::Told(part) => told.extend(part),
-                    FromBoard::Batch(batch) if batch.horizon == Instant::from_nanos(7) => told.extend(batch.outputs),
+                    FromBoard::Report(report) if report.horizon == Instant::from_nanos(7) => {
+                        told.extend(report.outputs)
+                    }
                     other => panic!("{other:?}"),
                 }
             }
@@ -360,18 +362,18 @@ mod tests {
     fn edges_have_a_weight_and_so_has_what_they_are_in() {
         // Five times 100 000 edges would just fit.
         let heard = vec![noisy(0, 100_000); 5];
-        let records = Turn { heard, ..Turn::default() }.into_records().map(|record| match record {
+        let records = Grant { heard, ..Grant::default() }.into_records().map(|record| match record {
             ToBoard::Heard(heard) => heard.len(),
-            ToBoard::Turn(turn) => turn.heard.len(),
+            ToBoard::Grant(grant) => grant.heard.len(),
             ToBoard::Setup(_) => 0,
         });
         assert_eq!(records.collect::<Vec<_>>(), [4, 1]);
         let Heard::Edges { edges, .. } = noisy(0, 100_000) else { panic!() };
         let output = Output::Character { port: 0, edges, end: Instant::START };
         let outputs = vec![Timed { at: Instant::START, output }; 5];
-        let records = Batch { outputs, ..Batch::default() }.into_records().map(|record| match record {
+        let records = Report { outputs, ..Report::default() }.into_records().map(|record| match record {
             FromBoard::Told(told) => told.len(),
-            FromBoard::Batch(batch) => batch.outputs.len(),
+            FromBoard::Report(report) => report.outputs.len(),
             FromBoard::Ready { .. } | FromBoard::Broken(_) => 0,
         });
         assert_eq!(records.collect::<Vec<_>>(), [4, 1]);
@@ -408,12 +410,13 @@ mod tests {
     fn noise_without_end_goes_in_several_records() {
         let edge = |n: u64| Edge { at: Instant::from_nanos(u64::MAX - n), level: Level::Low };
         let some = || Heard::Edges { port: 255, edges: (0..100_000).map(edge).collect() };
-        let turn = Turn { commit: Instant::from_nanos(9), heard: (0..23).map(|_| some()).collect(), ..Turn::default() };
-        let records: Vec<ToBoard> = turn.into_records().collect();
+        let grant =
+            Grant { commit: Instant::from_nanos(9), heard: (0..23).map(|_| some()).collect(), ..Grant::default() };
+        let records: Vec<ToBoard> = grant.into_records().collect();
         assert!(records.iter().all(|record| length(record) <= LENGTH_MAX));
         let parts = records.iter().map(|record| match record {
             ToBoard::Heard(heard) => heard.len(),
-            ToBoard::Turn(turn) if turn.commit == Instant::from_nanos(9) => turn.heard.len(),
+            ToBoard::Grant(grant) if grant.commit == Instant::from_nanos(9) => grant.heard.len(),
             other => panic!("{other:?}"),
         });
         assert_eq!(parts.sum::<usize>(), 23);

@@ -8,7 +8,7 @@
 use std::collections::VecDeque;
 
 use crate::board::{Board, Input, MotorStimulus, Output, Stimulus};
-use crate::record::{Batch, Heard, Silence, Timed, Turn};
+use crate::record::{Grant, Heard, Report, Silence, Timed};
 use crate::time::{Instant, Span};
 use crate::uart::{Character, Fifo, Receiver};
 
@@ -363,7 +363,7 @@ enum Next {
     Deadline,
 }
 
-/// Steps one board through the turns that the harness gives it.
+/// Steps one board through the grants that the harness gives it.
 #[derive(Debug)]
 pub struct Stepper<B> {
     head: Cell<B>,
@@ -409,32 +409,32 @@ impl<B: Board> Stepper<B> {
         self.head.board()
     }
 
-    /// Takes a turn: hears what the harness says, runs ahead, and says what comes out.
+    /// Takes a grant: hears what the harness says, runs ahead, and says what comes out.
     ///
     /// # Errors
     /// [`BrokenPromise`] if the board's `mute` was wrong.
-    pub fn turn(&mut self, turn: Turn) -> Result<Batch, BrokenPromise> {
-        self.forget_before(turn.commit);
-        let effect = turn.heard.iter().map(|heard| self.head.effect(heard)).min();
+    pub fn grant(&mut self, grant: Grant) -> Result<Report, BrokenPromise> {
+        self.forget_before(grant.commit);
+        let effect = grant.heard.iter().map(|heard| self.head.effect(heard)).min();
         if let Some(effect) = effect.filter(|effect| *effect <= self.head.handled) {
             self.roll_back(effect);
         }
         let from = self.horizon.min(effect.unwrap_or(Instant::NEVER));
-        let mut batch = Batch { from, outputs: Vec::with_capacity(OUTPUTS), ..Batch::default() };
-        batch.silences.extend(self.head.silence);
-        self.catch_up(effect.unwrap_or(turn.until), &mut batch)?;
-        for heard in &turn.heard {
+        let mut report = Report { from, outputs: Vec::with_capacity(OUTPUTS), ..Report::default() };
+        report.silences.extend(self.head.silence);
+        self.catch_up(effect.unwrap_or(grant.until), &mut report)?;
+        for heard in &grant.heard {
             self.head.hear(heard);
         }
         if let Some(last) = self.checkpoints.last_mut() {
-            last.since.extend(turn.heard);
+            last.since.extend(grant.heard);
         }
-        self.run_ahead(turn.until, effect, &mut batch);
-        self.settle(turn.commit);
-        batch.horizon = self.horizon;
-        batch.mute_since = self.head.mute_since;
-        batch.ears = self.head.receivers.iter().map(Receiver::ear).collect();
-        Ok(batch)
+        self.run_ahead(grant.until, effect, &mut report);
+        self.settle(grant.commit);
+        report.horizon = self.horizon;
+        report.mute_since = self.head.mute_since;
+        report.ears = self.head.receivers.iter().map(Receiver::ear).collect();
+        Ok(report)
     }
 
     /// Lets the receivers forget what nothing can change that is still heard or still happens.
@@ -471,11 +471,11 @@ impl<B: Board> Stepper<B> {
     }
 
     /// Runs and tells what lies between the horizon and `until`: that is how a mute board catches up.
-    fn catch_up(&mut self, until: Instant, batch: &mut Batch) -> Result<(), BrokenPromise> {
+    fn catch_up(&mut self, until: Instant, report: &mut Report) -> Result<(), BrokenPromise> {
         let promised = self.head.mute_since.is_some();
         let mut spoke = None;
         while let Some((at, next)) = self.head.next().filter(|(at, _)| *at < until) {
-            self.tell(at, next, batch, |output| {
+            self.tell(at, next, report, |output| {
                 if matches!(output, Output::Character { .. } | Output::Cut { .. }) {
                     spoke.get_or_insert(at);
                 }
@@ -488,7 +488,7 @@ impl<B: Board> Stepper<B> {
     }
 
     /// Runs at least to `until`, then on to the next outputs.
-    fn run_ahead(&mut self, until: Instant, effect: Option<Instant>, batch: &mut Batch) {
+    fn run_ahead(&mut self, until: Instant, effect: Option<Instant>, report: &mut Report) {
         let cap = self.head.handled.max(until).max(effect.unwrap_or_default()) + RUN_AHEAD;
         let mut run_on = Instant::NEVER;
         if self.since_checkpoint > 0 {
@@ -506,7 +506,7 @@ impl<B: Board> Stepper<B> {
             if self.since_checkpoint >= CHECKPOINT_EVERY {
                 self.checkpoint();
             }
-            self.tell(at, next, batch, |output| {
+            self.tell(at, next, report, |output| {
                 if let Output::Character { .. } = output {
                     run_on = run_on.min(at + RUN_ON);
                 }
@@ -520,16 +520,16 @@ impl<B: Board> Stepper<B> {
     }
 
     /// Handles the next thing, and tells what comes of it.
-    fn tell(&mut self, at: Instant, next: Next, batch: &mut Batch, mut look: impl FnMut(&Output)) {
+    fn tell(&mut self, at: Instant, next: Next, report: &mut Report, mut look: impl FnMut(&Output)) {
         self.since_checkpoint += 1;
         self.head.step(at, next, |at, output| {
             look(&output);
-            batch.outputs.push(Timed { at, output });
+            report.outputs.push(Timed { at, output });
         });
-        if batch.silences.last() != self.head.silence.as_ref() {
+        if report.silences.last() != self.head.silence.as_ref() {
             // One that did not last is no silence.
-            batch.silences.pop_if(|silence| silence.deadline > at);
-            batch.silences.extend(self.head.silence);
+            report.silences.pop_if(|silence| silence.deadline > at);
+            report.silences.extend(self.head.silence);
         }
     }
 }

@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 use proptest::prelude::*;
 use torno_protocol::board::{Board, Deadline, Description, Input, MotorStimulus, Output, Stimulus};
 use torno_protocol::clock::{Clock, Rate};
-use torno_protocol::record::{Heard, Timed, Turn};
+use torno_protocol::record::{Grant, Heard, Timed};
 use torno_protocol::stepping::{Cell, Stepper};
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::{Receiver, TickTimer, Transmitter};
@@ -382,8 +382,8 @@ fn a_board_hears_by_its_new_clock_and_by_its_new_speed() {
 /// Since when the board is mute, in milliseconds, once all before `until` has been run.
 fn mute_since(heard: &[Heard], until: u64) -> Option<u64> {
     let mut stepper = Stepper::new(Echo::new(Clock::TRUE));
-    let turn = Turn { commit: Instant::START, until: ms(until), heard: heard.to_vec() };
-    stepper.turn(turn).unwrap().mute_since.map(|since| since.as_nanos() / 1_000_000)
+    let grant = Grant { commit: Instant::START, until: ms(until), heard: heard.to_vec() };
+    stepper.grant(grant).unwrap().mute_since.map(|since| since.as_nanos() / 1_000_000)
 }
 
 #[test]
@@ -408,8 +408,8 @@ fn a_board_is_run_on_for_a_while_after_it_has_spoken() {
         let mut heard: Vec<Heard> = echoes.iter().map(|at| byte(HARD, at - 4, 7)).collect();
         // Something that keeps it from being mute.
         heard.push(stimulus(900, MotorStimulus::Supply(1).of(0)));
-        let batch = stepper.turn(Turn { commit: Instant::START, until: ms(1), heard }).unwrap();
-        batch.horizon.as_nanos() / 1_000_000
+        let report = stepper.grant(Grant { commit: Instant::START, until: ms(1), heard }).unwrap();
+        report.horizon.as_nanos() / 1_000_000
     };
     assert_eq!(horizon(&[10]), 900, "at least to the next thing");
     assert_eq!(horizon(&[10, 18, 100]), 96, "an echo of 18 ms is within ten of the first");
@@ -477,11 +477,11 @@ fn agree(acts: Vec<(u64, Act)>, cuts: &[u64]) -> Result<(), TestCaseError> {
     while commit < end {
         let until = (commit + Span::from_nanos(*cuts.next().unwrap())).min(end);
         let now = heard.iter().filter(|(at, _)| (commit..until).contains(at)).map(|(_, heard)| heard.clone());
-        let batch = stepper.turn(Turn { commit, until, heard: now.collect() }).unwrap();
-        prop_assert!(batch.from >= commit && batch.horizon >= until);
-        prop_assert!(batch.outputs.iter().all(|timed| timed.at >= batch.from && timed.at < batch.horizon));
-        told.retain(|timed| timed.at < batch.from);
-        told.extend(batch.outputs);
+        let report = stepper.grant(Grant { commit, until, heard: now.collect() }).unwrap();
+        prop_assert!(report.from >= commit && report.horizon >= until);
+        prop_assert!(report.outputs.iter().all(|timed| timed.at >= report.from && timed.at < report.horizon));
+        told.retain(|timed| timed.at < report.from);
+        told.extend(report.outputs);
         commit = until;
     }
     told.retain(|timed| timed.at < end);
@@ -489,7 +489,7 @@ fn agree(acts: Vec<(u64, Act)>, cuts: &[u64]) -> Result<(), TestCaseError> {
     Ok(())
 }
 
-/// Edges are heard in the same turn as a change of speed before them: a start that the old speed rejects must not be
+/// Edges are heard in the same grant as a change of speed before them: a start that the old speed rejects must not be
 /// forgotten.
 #[test]
 fn edges_that_are_heard_before_the_speed_changes_are_followed_up_at_the_new_speed() {

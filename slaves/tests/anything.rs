@@ -9,7 +9,7 @@ use proptest::prelude::*;
 use torno_protocol::board::{Board, MotorStimulus, Output, Stimulus};
 use torno_protocol::clock::{Clock, Rate};
 use torno_protocol::lathe::{ACK, CAN, ENQ};
-use torno_protocol::record::{Batch, Heard, Timed, Turn};
+use torno_protocol::record::{Grant, Heard, Report, Timed};
 use torno_protocol::stepping::Stepper;
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::{Character, Transmitter};
@@ -260,7 +260,7 @@ fn edges(ms: u64, bytes: &[u8]) -> Vec<Heard> {
     bytes.iter().map(character).collect()
 }
 
-/// What a board does up to the last cut, if it hears each character in the turn in which it begins.
+/// What a board does up to the last cut, if it hears each character in the grant in which it begins.
 fn told(mut stepper: Stepper<Transverse>, heard: &[Heard], cuts: &[Instant]) -> Vec<Timed> {
     let begin = |heard: &Heard| match heard {
         Heard::Edges { edges, .. } => edges[0].at,
@@ -270,9 +270,9 @@ fn told(mut stepper: Stepper<Transverse>, heard: &[Heard], cuts: &[Instant]) -> 
     let mut commit = Instant::START;
     for until in cuts {
         let now = heard.iter().filter(|heard| (commit..*until).contains(&begin(heard))).cloned().collect();
-        let batch: Batch = stepper.turn(Turn { commit, until: *until, heard: now }).unwrap();
-        told.retain(|timed| timed.at < batch.from);
-        told.extend(batch.outputs);
+        let report: Report = stepper.grant(Grant { commit, until: *until, heard: now }).unwrap();
+        told.retain(|timed| timed.at < report.from);
+        told.extend(report.outputs);
         commit = *until;
     }
     let end = cuts[cuts.len() - 1];

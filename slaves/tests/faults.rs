@@ -8,7 +8,7 @@ use common::{Bench, depth, s, spindle, transverse};
 use torno_protocol::board::{Board, MotorStimulus, Output, Stimulus};
 use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{ACK, CAN, ENQ};
-use torno_protocol::record::{Heard, Turn};
+use torno_protocol::record::{Grant, Heard};
 use torno_protocol::stepping::Stepper;
 use torno_protocol::time::{Instant, Span};
 use torno_slaves::{Spindle, SpindleSettings, Transverse};
@@ -367,8 +367,8 @@ fn without_supply_there_is_no_service_mode() {
     let at = |ms: u64| Instant::START + Span::from_millis(ms);
     let heard = |ms, stimulus| Heard::Stimulus { at: at(ms), stimulus };
     let heard = vec![heard(10, Stimulus::Power(false)), heard(20, MotorStimulus::Drive(900).of(0))];
-    let batch = board.turn(Turn { commit: Instant::START, until: at(500), heard }).unwrap();
-    assert!(!batch.outputs.iter().any(|timed| matches!(timed.output, Output::Telemetry { .. })), "{batch:?}");
+    let report = board.grant(Grant { commit: Instant::START, until: at(500), heard }).unwrap();
+    assert!(!report.outputs.iter().any(|timed| matches!(timed.output, Output::Telemetry { .. })), "{report:?}");
 }
 
 #[test]

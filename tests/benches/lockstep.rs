@@ -15,7 +15,7 @@ const PEER: &str = "--peer";
 const PEERS: usize = 4;
 /// Ten bits at 9600 baud, in seconds.
 const CHARACTER_S: f64 = 10.0 / 9600.0;
-/// As short as a turn without anything heard.
+/// As short as a grant without anything heard.
 const RECORD: usize = 16;
 
 /// If this process was started as a peer, is one until the hub has gone, and says so.

@@ -2,7 +2,7 @@
 //!
 //! A rig has one PC, so in `torno run` one master works and the others idle. What many that work cost the time engine
 //! is measured on the engine itself, in this process: each master has a PC of its own and plays the same program, each
-//! a little later than the one before, so that they need their turns at different times.
+//! a little later than the one before, so that they need their grants at different times.
 
 use std::time::{Duration, Instant as WallInstant};
 
@@ -12,7 +12,7 @@ use torno_engine::{End, Engine, Limit, NodeId};
 use torno_machines::kinds::{self, Steps};
 use torno_protocol::board::Stimulus;
 use torno_protocol::lathe::Program;
-use torno_protocol::record::Turn;
+use torno_protocol::record::Grant;
 use torno_protocol::stepping::Stepper;
 use torno_protocol::time::{Instant, Span};
 
@@ -23,8 +23,8 @@ const LATER: Span = Span::from_millis(37);
 pub(crate) struct Cost {
     pub(crate) virtual_s: f64,
     pub(crate) wall: Duration,
-    /// Turns of boards, without the PCs'.
-    pub(crate) turns: u64,
+    /// Grants of boards, without the PCs'.
+    pub(crate) grants: u64,
 }
 
 /// Plays the demonstration on so many masters at once, all in this process.
@@ -60,23 +60,23 @@ pub(crate) fn all_at_work(masters: usize) -> Cost {
     }
     let mut facts = 0;
     loop {
-        let turns = engine.poll(Limit::NONE);
+        let grants = engine.poll(Limit::NONE);
         facts += engine.take_facts().len();
-        if turns.is_empty() {
+        if grants.is_empty() {
             break;
         }
-        give(&mut engine, &mut steppers, turns);
+        give(&mut engine, &mut steppers, grants);
     }
     assert!(engine.is_quiet() && facts > 0);
     Cost {
         virtual_s: engine.quiet_since().as_secs_f64(),
         wall: start.elapsed(),
-        turns: boards.iter().map(|board| engine.statistics(*board).turns).sum(),
+        grants: boards.iter().map(|board| engine.statistics(*board).grants).sum(),
     }
 }
 
-fn give(engine: &mut Engine, steppers: &mut [Box<dyn Steps>], turns: Vec<(NodeId, Turn)>) {
-    for (node, turn) in turns {
-        engine.answer(node, steppers[node].turn(turn).unwrap()).unwrap();
+fn give(engine: &mut Engine, steppers: &mut [Box<dyn Steps>], grants: Vec<(NodeId, Grant)>) {
+    for (node, grant) in grants {
+        engine.answer(node, steppers[node].grant(grant).unwrap()).unwrap();
     }
 }

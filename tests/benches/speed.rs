@@ -81,7 +81,7 @@ fn ms(duration: Duration) -> f64 {
 type Kind<'a> = (&'a str, &'a str, Vec<&'a str>);
 
 /// Virtual over wall time, whole commands, beside plain lockstep on the same machine at the same time: one of each in
-/// turn, so that whatever else the machine does weighs on all.
+/// grant, so that whatever else the machine does weighs on all.
 fn runs(n: usize) {
     let folder = folder();
     let long = folder.path().join("ten-times.frames");
@@ -150,7 +150,7 @@ fn sweep(n: usize) {
     row("sweep, runs of the demonstration", "500 a second", &found);
 }
 
-/// What a master with three slaves adds to a rig: wall time per virtual second from when all boards stand, and turns of
+/// What a master with three slaves adds to a rig: wall time per virtual second from when all boards stand, and grants of
 /// boards per virtual second. One of each in turn.
 fn curve(n: usize) {
     let folder = folder();
@@ -165,15 +165,15 @@ fn curve(n: usize) {
         let stats = &summary["stats"];
         let number = |name: &str| stats[name].as_f64().unwrap();
         let wall_us = (number("waiting_s") + number("own_s")) * 1e6;
-        (wall_us / summary["virtual_s"].as_f64().unwrap(), number("turns_per_virtual_s"), number("starting_s") * 1e3)
+        (wall_us / summary["virtual_s"].as_f64().unwrap(), number("grants_per_virtual_s"), number("starting_s") * 1e3)
     };
     let mut found = sizes.map(|_| [const { Vec::new() }; 3]);
     for _ in 0..n {
         for (size, masters) in sizes.into_iter().enumerate() {
             found[size][0].push(measured(&["--stats", &files[size]]));
             found[size][1].push(measured(&["--stats", "--in-process", &files[size]]));
-            let masters::Cost { virtual_s, wall, turns } = masters::all_at_work(masters);
-            found[size][2].push((wall.as_secs_f64() * 1e6 / virtual_s, turns as f64 / virtual_s, 0.0));
+            let masters::Cost { virtual_s, wall, grants } = masters::all_at_work(masters);
+            found[size][2].push((wall.as_secs_f64() * 1e6 / virtual_s, grants as f64 / virtual_s, 0.0));
         }
     }
     let [idle, in_process, at_work] = ["one at work, processes", "one at work, in process", "all at work, in process"];
@@ -181,7 +181,7 @@ fn curve(n: usize) {
     print!("{:<8} {:>7} ", "masters", "boards");
     println!(
         "{:>11} {:>9} {:>12} {:>18} {:>11} {:>17} {:>9} {:>11}",
-        "us", "turns/s", "start in ms", "us", "turns/s", "us", "per board", "turns/s"
+        "us", "grants/s", "start in ms", "us", "grants/s", "us", "per board", "grants/s"
     );
     for (masters, found) in sizes.into_iter().zip(found) {
         let boards = 4 * masters;

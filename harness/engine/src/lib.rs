@@ -1,4 +1,4 @@
-//! The time engine: decides how far each board may run, and turns what boards tell into facts.
+//! The time engine: decides how far each board may run, and turns what boards report into facts.
 //!
 //! The engine is the hub of the rig: every line runs through it. It is conservative between boards: nothing that it
 //! has made a fact is ever taken back. Boards run ahead on their own and say what they will do if nothing reaches them
@@ -16,7 +16,7 @@
 //! exclusive.
 //!
 //! What an idle board or line costs is nothing: the engine keeps lists of what has changed, what is disturbed, what can
-//! be settled and who needs a turn, and looks at these only.
+//! be settled and who needs a grant, and looks at these only.
 
 mod bounds;
 mod input;
@@ -29,7 +29,7 @@ use std::collections::BTreeSet;
 
 use torno_protocol::board::{Output, Stimulus};
 use torno_protocol::line::Edge;
-use torno_protocol::record::{Batch, Heard, Silence, Timed, Turn};
+use torno_protocol::record::{Grant, Heard, Report, Silence, Timed};
 use torno_protocol::time::{Instant, Span};
 
 use bounds::{Agenda, Reach};
@@ -44,7 +44,7 @@ pub use wire::{Disturbance, Tampering};
 /// Boards that are needed within this span of one another are woken together.
 const TOGETHER: Span = Span::from_micros(900);
 
-/// Whoever watches can act so long after what was seen. (Ours: shorter would cut time into more turns.)
+/// Whoever watches can act so long after what was seen. (Ours: shorter would cut time into more grants.)
 pub const REACTION: Span = Span::from_millis(1);
 
 /// A board's place in the rig.
@@ -206,8 +206,8 @@ impl Limit {
 /// What a board has cost, for those who want to know what limits a rig. Without a pace, the same on every machine.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Statistics {
-    /// Turns given to it.
-    pub turns: u64,
+    /// Grants given to it.
+    pub grants: u64,
     /// Those of them that took back something it had told: it had run ahead of what it then heard.
     pub redone: u64,
 }
@@ -228,7 +228,7 @@ pub struct Engine {
     unsettled: Places,
     /// Lines of which not all may have been reported that their receivers have been told.
     unsure: Places,
-    /// Boards that need a turn if time is to go past an instant.
+    /// Boards that need a grant if time is to go past an instant.
     needs: BTreeSet<(Instant, NodeId)>,
     /// How many boards are yet to answer.
     waiting: usize,
@@ -365,9 +365,9 @@ impl Engine {
         self.nodes[node].statistics
     }
 
-    /// Settles everything within `limit` that can be settled, and says which boards must take a turn for more.
+    /// Settles everything within `limit` that can be settled, and says which boards must take a grant for more.
     /// Each must be answered by [`Engine::answer`].
-    pub fn poll(&mut self, limit: Limit) -> Vec<(NodeId, Turn)> {
+    pub fn poll(&mut self, limit: Limit) -> Vec<(NodeId, Grant)> {
         let until = loop {
             self.bound();
             let until = self.held_at(limit).min(self.reaction());
@@ -386,40 +386,40 @@ impl Engine {
                 break until;
             }
         };
-        self.report(until);
+        self.settle_lines(until);
         self.wake(until)
     }
 
-    /// Takes a board's answer to its turn.
+    /// Takes a board's answer to its grant.
     ///
     /// # Errors
     /// [`LateOutput`] if the board tells of something that came too late.
-    pub fn answer(&mut self, node: NodeId, batch: Batch) -> Result<(), LateOutput> {
+    pub fn answer(&mut self, node: NodeId, report: Report) -> Result<(), LateOutput> {
         let commit = self.nodes[node].commit;
         // Telemetry of a mute board comes when the board is woken, however late that is.
         let on_port = |told: &&Timed| matches!(told.output, Output::Character { .. } | Output::Cut { .. });
-        match batch.outputs.iter().find(on_port) {
+        match report.outputs.iter().find(on_port) {
             Some(Timed { at, .. }) if *at < commit => Err(LateOutput { node, at: *at, commit }),
             _ => {
-                self.nodes[node].answer(batch);
+                self.nodes[node].answer(report);
                 self.note_change(node);
                 Ok(())
             }
         }
     }
 
-    /// Turns that bring every board to `until`, mute or not. For the start, and for when the rig is
+    /// Grants that bring every board to `until`, mute or not. For the start, and for when the rig is
     /// [quiet](Self::is_quiet).
-    pub fn catch_up(&mut self, until: Instant) -> Vec<(NodeId, Turn)> {
+    pub fn catch_up(&mut self, until: Instant) -> Vec<(NodeId, Grant)> {
         let behind = |node: &Node| node.life == Life::Runs && !node.awaited && node.horizon < until;
         let behind: Vec<NodeId> = (0..self.nodes.len()).filter(|id| behind(&self.nodes[*id])).collect();
-        behind.into_iter().map(|id| (id, self.turn(id, until))).collect()
+        behind.into_iter().map(|id| (id, self.grant(id, until))).collect()
     }
 
-    fn turn(&mut self, id: NodeId, until: Instant) -> Turn {
-        let turn = self.nodes[id].turn(until);
+    fn grant(&mut self, id: NodeId, until: Instant) -> Grant {
+        let grant = self.nodes[id].grant(until);
         self.note_change(id);
-        turn
+        grant
     }
 
     /// Takes note that a board has changed in any way: with the next [bound](Self::bound), all that rests on it is
@@ -628,7 +628,7 @@ impl Engine {
     }
 
     /// Makes facts of what can no longer be withdrawn from the lines.
-    fn report(&mut self, until: Instant) {
+    fn settle_lines(&mut self, until: Instant) {
         let until = until.min(self.reaction());
         let mut next = 0;
         while let Some(line) = self.unsure.first_from(next) {
@@ -703,9 +703,9 @@ impl Engine {
         }
     }
 
-    /// Gives turns to the boards without which nothing moves, and to those only: the longer a board is left alone, the
+    /// Gives grants to the boards without which nothing moves, and to those only: the longer a board is left alone, the
     /// more it hears at once.
-    fn wake(&mut self, until: Instant) -> Vec<(NodeId, Turn)> {
+    fn wake(&mut self, until: Instant) -> Vec<(NodeId, Grant)> {
         if self.is_waiting() {
             return Vec::new();
         }
@@ -714,7 +714,7 @@ impl Engine {
         let mut needed: Vec<NodeId> =
             self.needs.iter().take_while(|(need, _)| together(*need)).map(|(_, id)| *id).collect();
         needed.sort_unstable();
-        needed.into_iter().map(|id| (id, self.turn(id, Instant::START))).collect()
+        needed.into_iter().map(|id| (id, self.grant(id, Instant::START))).collect()
     }
 }
 

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use torno_protocol::board::{Output, Stimulus};
-use torno_protocol::record::{Batch, Heard, Silence, Timed, Turn};
+use torno_protocol::record::{Grant, Heard, Report, Silence, Timed};
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::Ear;
 
@@ -66,7 +66,7 @@ pub(super) struct Node {
     /// Resets and losses of supply that are not settled yet: what from outside cuts a character short. They can have
     /// waited for a stopped process to go on.
     resets: Vec<Instant>,
-    /// It has been given a turn and has not answered.
+    /// It has been given a grant and has not answered.
     pub(super) awaited: bool,
     /// The first instant at which something unheard can matter to it, whoever watches.
     pub(super) eit: Instant,
@@ -80,7 +80,7 @@ pub(super) struct Node {
     pub(super) changed: bool,
     /// It is counted among those that are yet to answer.
     pub(super) counted: bool,
-    /// Where it is listed among those that need a turn.
+    /// Where it is listed among those that need a grant.
     pub(super) listed: Instant,
     /// What it tells matters to somebody else: it must run even if it is mute.
     pub(super) watched: bool,
@@ -235,7 +235,7 @@ impl Node {
         self.silences.first().filter(unbroken).copied()
     }
 
-    /// The instant for which the board must take a turn before anything at or after it can be settled; never, if it
+    /// The instant for which the board must take a grant before anything at or after it can be settled; never, if it
     /// need not.
     pub(super) fn needed_at(&self) -> Instant {
         let need = self.effect.min(self.told_until());
@@ -287,20 +287,20 @@ impl Node {
         }
     }
 
-    /// Starts a turn: from here on, what was told for the instants that the board is about to hear of no longer holds.
-    pub(super) fn turn(&mut self, until: Instant) -> Turn {
+    /// Starts a grant: from here on, what was told for the instants that the board is about to hear of no longer holds.
+    pub(super) fn grant(&mut self, until: Instant) -> Grant {
         self.awaited = true;
-        self.statistics.turns += 1;
+        self.statistics.grants += 1;
         self.statistics.redone += u64::from(self.take_back(self.effect));
         self.silences.retain(|silence| silence.deadline < self.effect);
         self.horizon = self.horizon.min(self.effect);
         if !self.effect.is_never() {
             self.mute_since = None;
         }
-        let turn =
-            Turn { commit: self.commit, until: until.max(self.extension()), heard: core::mem::take(&mut self.heard) };
+        let grant =
+            Grant { commit: self.commit, until: until.max(self.extension()), heard: core::mem::take(&mut self.heard) };
         self.effect = Instant::NEVER;
-        turn
+        grant
     }
 
     /// A board that is woken without hearing anything must run past its horizon.
@@ -313,22 +313,22 @@ impl Node {
         }
     }
 
-    pub(super) fn answer(&mut self, batch: Batch) {
-        self.take_back(batch.from);
+    pub(super) fn answer(&mut self, report: Report) {
+        self.take_back(report.from);
         self.awaited = false;
         if self.life != Life::Runs {
             // An answer from before it was stopped: what could still be used of it has been settled.
             self.note_effect();
             return;
         }
-        self.spoken += batch.outputs.iter().filter(|told| speaks(told)).count();
-        self.ahead.extend(batch.outputs);
-        self.horizon = batch.horizon;
-        self.mute_since = batch.mute_since;
-        self.silences.retain(|silence| silence.deadline < batch.from);
-        self.silences.extend(batch.silences);
-        self.ears_changed |= self.ears != batch.ears;
-        self.ears = batch.ears;
+        self.spoken += report.outputs.iter().filter(|told| speaks(told)).count();
+        self.ahead.extend(report.outputs);
+        self.horizon = report.horizon;
+        self.mute_since = report.mute_since;
+        self.silences.retain(|silence| silence.deadline < report.from);
+        self.silences.extend(report.silences);
+        self.ears_changed |= self.ears != report.ears;
+        self.ears = report.ears;
         self.note_effect();
     }
 

@@ -154,10 +154,10 @@ impl Ring {
             engine.add_line(from, to);
         }
         let mut steppers: Vec<Stepper<Chatterbox>> = self.boards.iter().cloned().map(Stepper::new).collect();
-        let mut give = |engine: &mut Engine, turns: Vec<(NodeId, Turn)>| {
-            for (node, turn) in turns {
-                let batch = steppers[node].turn(turn).unwrap();
-                engine.answer(node, batch).unwrap();
+        let mut give = |engine: &mut Engine, grants: Vec<(NodeId, Grant)>| {
+            for (node, grant) in grants {
+                let report = steppers[node].grant(grant).unwrap();
+                engine.answer(node, report).unwrap();
             }
         };
         let first = engine.catch_up(Instant::START.next());
@@ -175,12 +175,12 @@ impl Ring {
         for limit in limits {
             let mut rounds = 0;
             loop {
-                let turns = engine.poll(Limit::until(limit));
+                let grants = engine.poll(Limit::until(limit));
                 let hits = engine.take_hits();
-                if turns.is_empty() && hits.is_empty() {
+                if grants.is_empty() && hits.is_empty() {
                     break;
                 }
-                give(&mut engine, turns);
+                give(&mut engine, grants);
                 for hit in hits {
                     let at = hit.at + REACTION;
                     assert_eq!(engine.stimulate(self.reacts.unwrap().1, at, reaction(at)), at);
@@ -227,11 +227,11 @@ impl Ring {
 }
 
 /// Settles everything before `until`.
-fn bring_to(until: Instant, engine: &mut Engine, give: &mut impl FnMut(&mut Engine, Vec<(NodeId, Turn)>)) {
-    let mut turns = engine.catch_up(until);
-    while !turns.is_empty() {
-        give(engine, turns);
-        turns = engine.poll(Limit::until(until));
+fn bring_to(until: Instant, engine: &mut Engine, give: &mut impl FnMut(&mut Engine, Vec<(NodeId, Grant)>)) {
+    let mut grants = engine.catch_up(until);
+    while !grants.is_empty() {
+        give(engine, grants);
+        grants = engine.poll(Limit::until(until));
     }
     engine.poll(Limit::until(until));
 }
@@ -420,9 +420,9 @@ proptest! {
         ring.boards.iter().for_each(|_| _ = engine.add_node(2));
         ring.ends().into_iter().for_each(|(from, to)| _ = engine.add_line(from, to));
         let mut steppers: Vec<_> = ring.boards.iter().cloned().map(Stepper::new).collect();
-        let mut give = |engine: &mut Engine, turns: Vec<(NodeId, Turn)>| {
-            for (node, turn) in turns {
-                engine.answer(node, steppers[node].turn(turn).unwrap()).unwrap();
+        let mut give = |engine: &mut Engine, grants: Vec<(NodeId, Grant)>| {
+            for (node, grant) in grants {
+                engine.answer(node, steppers[node].grant(grant).unwrap()).unwrap();
             }
         };
         let first = engine.catch_up(Instant::START.next());
@@ -430,11 +430,11 @@ proptest! {
         let end = Instant::START + Span::from_secs(5);
         for (at, node, what) in events.into_iter().chain([(end, 0, 3)]) {
             for _ in 0..100_000 {
-                let turns = engine.poll(Limit::until(at));
-                if turns.is_empty() {
+                let grants = engine.poll(Limit::until(at));
+                if grants.is_empty() {
                     break;
                 }
-                give(&mut engine, turns);
+                give(&mut engine, grants);
             }
             match what {
                 0 => drop(engine.stop(node)),
@@ -449,12 +449,12 @@ proptest! {
 }
 
 /// What a board tells that waits for silence, and is otherwise still.
-fn waiting(from: Instant, deadline: Instant) -> Batch {
-    Batch {
+fn waiting(from: Instant, deadline: Instant) -> Report {
+    Report {
         horizon: deadline.next(),
         silences: vec![Silence { from, deadline }],
         ears: vec![Receiver::hardware(BAUD, Clock::TRUE).ear()],
-        ..Batch::default()
+        ..Report::default()
     }
 }
 
@@ -467,8 +467,8 @@ fn time_goes_no_further_than_a_silence_that_a_board_waits_for() {
     engine.add_line(end(0), end(1));
     engine.add_line(end(1), end(0));
     engine.answer(0, waiting(ms(10), ms(60))).unwrap();
-    let mute = Batch { horizon: Instant::NEVER, mute_since: Some(ms(0)), ..waiting(ms(0), ms(0)) };
-    engine.answer(1, Batch { silences: vec![], ..mute.clone() }).unwrap();
+    let mute = Report { horizon: Instant::NEVER, mute_since: Some(ms(0)), ..waiting(ms(0), ms(0)) };
+    engine.answer(1, Report { silences: vec![], ..mute.clone() }).unwrap();
     let silence = |ms| Limit { until: Instant::NEVER, silence: ms };
 
     assert!(engine.poll(silence(Instant::START)).is_empty());
@@ -483,11 +483,11 @@ fn time_goes_no_further_than_a_silence_that_a_board_waits_for() {
     let loaded = uart.load(ms(45)).unwrap();
     let output = Output::Character { port: 0, edges: loaded.edges, end: loaded.end };
     let outputs = vec![Timed { at: ms(45), output }];
-    engine.answer(1, Batch { from: ms(45), outputs, silences: vec![], ..mute }).unwrap();
+    engine.answer(1, Report { from: ms(45), outputs, silences: vec![], ..mute }).unwrap();
     assert_eq!(engine.silence(), None);
     let woken: Vec<NodeId> = engine.poll(silence(ms(40))).into_iter().map(|(node, _)| node).collect();
     assert_eq!(woken, [0], "it hears the character");
-    engine.answer(0, Batch { from: ms(46), ..waiting(ms(46), ms(96)) }).unwrap();
+    engine.answer(0, Report { from: ms(46), ..waiting(ms(46), ms(96)) }).unwrap();
     assert_eq!(engine.silence(), None, "not yet begun");
     engine.poll(silence(ms(40)));
     assert_eq!(engine.silence(), Some(Silence { from: ms(46), deadline: ms(96) }));
@@ -503,7 +503,7 @@ fn what_cuts_a_character_short_is_reckoned_with_before_it_is_told() {
     let us = |us: u64| Instant::START + Span::from_micros(us);
     let earliest = |stimulus| {
         let mut node = Node::new(1);
-        node.answer(Batch { horizon: Instant::NEVER, mute_since: Some(Instant::START), ..Batch::default() });
+        node.answer(Report { horizon: Instant::NEVER, mute_since: Some(Instant::START), ..Report::default() });
         node.line_busy_until[0] = us(1_042);
         node.hear(Heard::Stimulus { at: us(500), stimulus });
         node.note_sending();
@@ -538,16 +538,16 @@ fn a_stopped_board_goes_on_as_a_hung_one_however_much_it_has_missed() {
 
     let mut node = Node::new(2);
     let mut stepper = Stepper::new(chatterbox());
-    let first = node.turn(stop);
-    node.answer(stepper.turn(first).unwrap());
+    let first = node.grant(stop);
+    node.answer(stepper.grant(first).unwrap());
     node.stop(stop, Life::Stopped);
     node.hear(hang(stop, true));
     edges.iter().for_each(|edges| node.hear(Heard::Edges { port: 0, edges: edges.clone() }));
     node.life = Life::Runs;
     node.hear(hang(resume, false));
-    let turn = node.turn(ms(21_000));
-    assert!(turn.heard.len() < 2 * KEPT + 10, "{}", turn.heard.len());
-    assert_eq!(stepper.turn(turn).unwrap().outputs, expected);
+    let grant = node.grant(ms(21_000));
+    assert!(grant.heard.len() < 2 * KEPT + 10, "{}", grant.heard.len());
+    assert_eq!(stepper.grant(grant).unwrap().outputs, expected);
 }
 
 /// What was taken back at the instant after a start edge, and comes again, is the same start.
@@ -572,7 +572,7 @@ fn a_fault_that_is_asked_for_right_after_a_start_edge_is_the_same_as_one_that_wa
     assert_eq!(early.run(&[], until), late.run(&[], until));
 }
 
-/// How much the engine looks at for a turn, in a rig of so many pairs of boards that talk, and as many that do not.
+/// How much the engine looks at for a grant, in a rig of so many pairs of boards that talk, and as many that do not.
 fn computed_per_turn(pairs: u64) -> f64 {
     let mut engine = Engine::new();
     let mut steppers = Vec::new();
@@ -584,14 +584,14 @@ fn computed_per_turn(pairs: u64) -> f64 {
         engine.add_line(end_a, end_b);
         engine.add_line(end_b, end_a);
     }
-    let mut turns = engine.catch_up(Instant::START.next());
+    let mut grants = engine.catch_up(Instant::START.next());
     let mut given = 0;
-    while !turns.is_empty() {
-        for (node, turn) in turns {
+    while !grants.is_empty() {
+        for (node, grant) in grants {
             given += 1;
-            engine.answer(node, steppers[node].turn(turn).unwrap()).unwrap();
+            engine.answer(node, steppers[node].grant(grant).unwrap()).unwrap();
         }
-        turns = engine.poll(Limit::until(Instant::START + Span::from_secs(2)));
+        grants = engine.poll(Limit::until(Instant::START + Span::from_secs(2)));
     }
     engine.computed as f64 / f64::from(given)
 }
@@ -599,7 +599,7 @@ fn computed_per_turn(pairs: u64) -> f64 {
 #[test]
 fn a_turn_costs_the_same_however_many_boards_there_are() {
     let (few, many) = (computed_per_turn(2), computed_per_turn(40));
-    assert!(many < 1.2 * few, "{few:.1} and {many:.1} bounds a turn");
+    assert!(many < 1.2 * few, "{few:.1} and {many:.1} bounds a grant");
 }
 
 #[test]
@@ -620,12 +620,12 @@ fn a_cut_line_carries_nothing_more() {
     // In mid-character: the second starts at 40 ms.
     let cut = Instant::START + Span::from_micros(40_300);
     lines.iter().for_each(|line| _ = engine.disturb(*line, cut, &Disturbance::Cut));
-    let mut turns = engine.catch_up(Instant::START.next());
-    while !turns.is_empty() {
-        for (node, turn) in turns {
-            engine.answer(node, steppers[node].turn(turn).unwrap()).unwrap();
+    let mut grants = engine.catch_up(Instant::START.next());
+    while !grants.is_empty() {
+        for (node, grant) in grants {
+            engine.answer(node, steppers[node].grant(grant).unwrap()).unwrap();
         }
-        turns = engine.poll(Limit::until(Instant::START + Span::from_millis(200)));
+        grants = engine.poll(Limit::until(Instant::START + Span::from_millis(200)));
     }
     let facts = engine.take_facts();
     let heard = facts.iter().filter(|fact| matches!(fact, Fact::Event { .. })).count();
@@ -652,13 +652,13 @@ fn what_would_wake_a_stopped_board_waits_until_it_goes_on() {
         ring.ends().into_iter().for_each(|(from, to)| _ = engine.add_line(from, to));
         let mut steppers: Vec<_> = ring.boards.iter().cloned().map(Stepper::new).collect();
         let mut run = |engine: &mut Engine, until: u64| {
-            let mut turns = engine.catch_up(Instant::START.next());
+            let mut grants = engine.catch_up(Instant::START.next());
             loop {
-                for (node, turn) in turns {
-                    engine.answer(node, steppers[node].turn(turn).unwrap()).unwrap();
+                for (node, grant) in grants {
+                    engine.answer(node, steppers[node].grant(grant).unwrap()).unwrap();
                 }
-                turns = engine.poll(Limit::until(ms(until)));
-                if turns.is_empty() {
+                grants = engine.poll(Limit::until(ms(until)));
+                if grants.is_empty() {
                     break;
                 }
             }
@@ -707,9 +707,9 @@ fn what_waits_for_a_stopped_board_keeps_nothing_back() {
     };
     let lines: Vec<LineId> = ring.ends().into_iter().map(|(from, to)| engine.add_line(from, to)).collect();
     let mut steppers: Vec<_> = ring.boards.into_iter().map(Stepper::new).collect();
-    let mut give = |engine: &mut Engine, turns: Vec<(NodeId, Turn)>| {
-        for (node, turn) in turns {
-            engine.answer(node, steppers[node].turn(turn).unwrap()).unwrap();
+    let mut give = |engine: &mut Engine, grants: Vec<(NodeId, Grant)>| {
+        for (node, grant) in grants {
+            engine.answer(node, steppers[node].grant(grant).unwrap()).unwrap();
         }
     };
     bring_to(ms(50), &mut engine, &mut give);

@@ -8,7 +8,7 @@ use toml::de::{DeTable, DeValue, ValueDeserializer};
 use toml::{Spanned, Table};
 use torno_protocol::board::{Board, Description};
 use torno_protocol::clock::Clock;
-use torno_protocol::record::{Batch, Turn};
+use torno_protocol::record::{Grant, Report};
 use torno_protocol::settings::{OutOfRange, Setting};
 use torno_protocol::stepping::{BrokenPromise, Stepper};
 use torno_text::{Complaint, of_toml};
@@ -41,11 +41,11 @@ pub trait Steps: Send {
     /// What the board consists of.
     fn description(&self) -> Description;
 
-    /// Takes a turn.
+    /// Takes a grant.
     ///
     /// # Errors
-    /// See [`Stepper::turn`].
-    fn turn(&mut self, turn: Turn) -> Result<Batch, BrokenPromise>;
+    /// See [`Stepper::grant`].
+    fn grant(&mut self, grant: Grant) -> Result<Report, BrokenPromise>;
 }
 
 impl<B: Board + Send> Steps for Stepper<B> {
@@ -53,8 +53,8 @@ impl<B: Board + Send> Steps for Stepper<B> {
         self.board().description()
     }
 
-    fn turn(&mut self, turn: Turn) -> Result<Batch, BrokenPromise> {
-        Self::turn(self, turn)
+    fn grant(&mut self, grant: Grant) -> Result<Report, BrokenPromise> {
+        Self::grant(self, grant)
     }
 }
 

@@ -55,7 +55,7 @@ pub(super) struct Arguments {
     /// Writes a page to look at: motion, the bus, the part, the figures (HTML, one file)
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
-    /// Also tells what limits the rig: turns, bytes, and where the time goes
+    /// Also tells what limits the rig: grants, bytes, and where the time goes
     #[arg(long)]
     stats: bool,
     /// Records everything that happens, for 'torno trace', 'torno replay' and 'torno diff'; overwrites a trace

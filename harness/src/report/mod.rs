@@ -15,5 +15,5 @@ pub use comparison::{Comparison, Side};
 pub use cut::Cut;
 pub use part::{EventSummary, Measure, PartSummary, Worst};
 pub use progress::{Bar, Status};
-pub use stats::{BytesPerTurn, Shares, Stats};
+pub use stats::{BytesPerGrant, Shares, Stats};
 pub use summary::{BoardSummary, Frames, Summary, failures};

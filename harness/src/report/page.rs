@@ -342,19 +342,19 @@ impl Page<'_> {
 
 fn write_stats(html: &mut String, stats: &Stats) -> fmt::Result {
     html.write_str(
-        "<div><h3>What it cost</h3><table id=\"cost\"><thead><tr><th></th><th class=\"n\">turns</th>\
+        "<div><h3>What it cost</h3><table id=\"cost\"><thead><tr><th></th><th class=\"n\">grants</th>\
          <th class=\"n\">a virtual s</th><th class=\"n\">redone</th><th class=\"n\">waited for</th></tr></thead>\
          <tbody>\n",
     )?;
     let boards = stats.boards.iter().map(|(name, shares)| (name.as_str(), shares));
     for (name, shares) in boards.chain([("all boards", &stats.all), ("pc", &stats.pc)]) {
-        let Shares { turns, turns_per_virtual_s, redone, waiting_s, .. } = shares;
+        let Shares { grants, grants_per_virtual_s, redone, waiting_s, .. } = shares;
         writeln!(
             html,
-            "<tr><th>{}</th><td class=\"n\">{turns}</td><td class=\"n\">{turns_per_virtual_s:.2}</td>\
+            "<tr><th>{}</th><td class=\"n\">{grants}</td><td class=\"n\">{grants_per_virtual_s:.2}</td>\
              <td class=\"n\">{}</td><td class=\"n\">{:.2} ms</td></tr>",
             escaped(name),
-            percent(*redone as f64, *turns as f64),
+            percent(*redone as f64, *grants as f64),
             waiting_s * 1e3
         )?;
     }

@@ -1,4 +1,4 @@
-//! What limits a rig: turns, bytes, and where the wall time goes.
+//! What limits a rig: grants, bytes, and where the wall time goes.
 
 use std::fmt;
 use std::time::Duration;
@@ -8,7 +8,7 @@ use serde::{Serialize, Serializer};
 
 use crate::rig::{Bytes, Cost};
 
-/// What a rig cost. Turns and bytes are counted and, at pace `max`, the same on every machine; times are measured.
+/// What a rig cost. Grants and bytes are counted and, at pace `max`, the same on every machine; times are measured.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Stats {
     /// All boards together.
@@ -28,23 +28,23 @@ pub struct Stats {
 /// What one board cost, or all of them, or the PC.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Shares {
-    /// Turns given.
-    pub turns: u64,
-    /// Turns given per virtual second.
-    pub turns_per_virtual_s: f64,
-    /// Turns that took back something told before: the board had run ahead of what it then heard.
+    /// Grants given.
+    pub grants: u64,
+    /// Grants given per virtual second.
+    pub grants_per_virtual_s: f64,
+    /// Grants that took back something told before: the board had run ahead of what it then heard.
     pub redone: u64,
     /// The mean, where boards have processes of their own.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub bytes_per_turn: Option<BytesPerTurn>,
+    pub bytes_per_grant: Option<BytesPerGrant>,
     /// Wall seconds of waiting for it or, where boards have no processes of their own, of running it. Of several boards
-    /// that had a turn at once, each is waited for from the answer before its own.
+    /// that had a grant at once, each is waited for from the answer before its own.
     pub waiting_s: f64,
 }
 
-/// Bytes over a socket for one turn, on the mean.
+/// Bytes over a socket for one grant, on the mean.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct BytesPerTurn {
+pub struct BytesPerGrant {
     /// To the board.
     pub to_board: f64,
     /// From the board.
@@ -53,16 +53,16 @@ pub struct BytesPerTurn {
 
 impl Shares {
     fn new(costs: &[Cost], virtual_s: f64) -> Self {
-        let turns = costs.iter().map(|cost| cost.statistics.turns).sum();
+        let grants = costs.iter().map(|cost| cost.statistics.grants).sum();
         let bytes = costs.iter().filter_map(|cost| cost.bytes).reduce(|a, b| a + b);
         let waiting: Duration = costs.iter().map(|cost| cost.wall).sum();
         Self {
-            turns,
-            turns_per_virtual_s: per(turns as f64, virtual_s),
+            grants,
+            grants_per_virtual_s: per(grants as f64, virtual_s),
             redone: costs.iter().map(|cost| cost.statistics.redone).sum(),
-            bytes_per_turn: bytes.map(|Bytes { to, from }| BytesPerTurn {
-                to_board: per(to as f64, turns as f64),
-                from_board: per(from as f64, turns as f64),
+            bytes_per_grant: bytes.map(|Bytes { to, from }| BytesPerGrant {
+                to_board: per(to as f64, grants as f64),
+                from_board: per(from as f64, grants as f64),
             }),
             waiting_s: waiting.as_secs_f64(),
         }
@@ -95,9 +95,9 @@ impl Stats {
 
     /// The table for people.
     pub(super) fn write(&self, text: &mut fmt::Formatter<'_>, bold: Style) -> fmt::Result {
-        let head = ["turns", "a virtual s", "redone", "bytes to it", "from it", "waited for"];
-        let [turns, per_s, redone, to, from, waited] = head;
-        let head = format!("{:<12} {turns:>8} {per_s:>12} {redone:>7} {to:>12} {from:>8} {waited:>12}", "cost");
+        let head = ["grants", "a virtual s", "redone", "bytes to it", "from it", "waited for"];
+        let [grants, per_s, redone, to, from, waited] = head;
+        let head = format!("{:<12} {grants:>8} {per_s:>12} {redone:>7} {to:>12} {from:>8} {waited:>12}", "cost");
         writeln!(text, "\n{bold}{head}{bold:#}")?;
         for (name, shares) in &self.boards {
             shares.write(text, name)?;
@@ -111,14 +111,14 @@ impl Stats {
 
 impl Shares {
     fn write(&self, text: &mut fmt::Formatter<'_>, name: &str) -> fmt::Result {
-        let Self { turns, turns_per_virtual_s: per_s, redone, bytes_per_turn, waiting_s } = *self;
-        let redone = per(100.0 * redone as f64, turns as f64);
-        let shown = |bytes: fn(BytesPerTurn) -> f64| match bytes_per_turn {
+        let Self { grants, grants_per_virtual_s: per_s, redone, bytes_per_grant, waiting_s } = *self;
+        let redone = per(100.0 * redone as f64, grants as f64);
+        let shown = |bytes: fn(BytesPerGrant) -> f64| match bytes_per_grant {
             Some(of) => format!("{:.0}", bytes(of)),
             None => "-".to_owned(),
         };
         let (to, from) = (shown(|bytes| bytes.to_board), shown(|bytes| bytes.from_board));
         let waited = waiting_s * 1e3;
-        writeln!(text, "{name:<12} {turns:>8} {per_s:>12.2} {redone:>5.0} % {to:>12} {from:>8} {waited:>9.2} ms")
+        writeln!(text, "{name:<12} {grants:>8} {per_s:>12.2} {redone:>5.0} % {to:>12} {from:>8} {waited:>9.2} ms")
     }
 }

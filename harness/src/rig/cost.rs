@@ -10,9 +10,9 @@ use torno_engine::{NodeId, Statistics};
 pub struct Cost {
     /// Its name.
     pub name: String,
-    /// Its turns.
+    /// Its grants.
     pub statistics: Statistics,
-    /// What its turns took over the socket, if it has a process of its own.
+    /// What its grants took over the socket, if it has a process of its own.
     pub bytes: Option<Bytes>,
     /// The wall time for which it was waited for or, without a process of its own, ran. Zero if not
     /// [measured](super::Rig::measure).

@@ -21,7 +21,7 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 use torno_protocol::board::{Description, Stimulus, Wait};
 use torno_protocol::clock::Clock;
 use torno_protocol::layout::{Layout, LineLayout};
-use torno_protocol::record::{FromBoard, Setup, Turn, VERSION};
+use torno_protocol::record::{FromBoard, Grant, Setup, VERSION};
 use torno_protocol::stepping::{BrokenPromise, Stepper};
 use torno_protocol::time::Instant;
 
@@ -38,7 +38,7 @@ use torno_engine::{
 };
 use torno_machines::kinds::{self, Steps};
 
-/// How long a board may take over one turn, in wall time. One that is merely slow is waited for.
+/// How long a board may take over one grant, in wall time. One that is merely slow is waited for.
 const SLOW_BOARD: Duration = Duration::from_secs(10);
 
 /// Where the boards run.
@@ -171,7 +171,7 @@ pub struct Node {
     /// Its process, if it has one of its own.
     pub pid: Option<u32>,
     seat: Seat,
-    /// What had gone over its socket before its first turn and, once its process has died, what has gone in all.
+    /// What had gone over its socket before its first grant and, once its process has died, what has gone in all.
     bytes: (Bytes, Option<Bytes>),
 }
 
@@ -184,7 +184,7 @@ impl Node {
         Self { name: name.to_owned(), description, clock, pid, seat, bytes: (Bytes::default(), None) }
     }
 
-    /// What its turns have taken over the socket.
+    /// What its grants have taken over the socket.
     fn bytes(&self) -> Option<Bytes> {
         let all = match &self.seat {
             Seat::Process(process) => Some(process.bytes()),
@@ -448,11 +448,11 @@ impl Rig {
     /// # Errors
     /// [`RigError`] if the rig cannot go on.
     pub async fn step(&mut self, limit: Limit) -> Result<bool, RigError> {
-        let turns = self.engine.poll(limit);
-        let some = !turns.is_empty();
+        let grants = self.engine.poll(limit);
+        let some = !grants.is_empty();
         // A board that had been stopped may still owe an answer.
         let owed = self.engine.is_waiting();
-        self.give(turns).await?;
+        self.give(grants).await?;
         let news = self.has_news().await;
         if news {
             self.look_after_children()?;
@@ -465,8 +465,8 @@ impl Rig {
     /// # Errors
     /// [`RigError`] if the rig cannot go on.
     pub async fn catch_up(&mut self, until: Instant) -> Result<(), RigError> {
-        let turns = self.engine.catch_up(until);
-        self.give(turns).await?;
+        let grants = self.engine.catch_up(until);
+        self.give(grants).await?;
         self.advance(Limit { until, silence: Instant::START }).await
     }
 
@@ -477,8 +477,8 @@ impl Rig {
     /// [`RigError`] if the rig cannot go on.
     pub async fn settle(&mut self, until: Instant) -> Result<(), RigError> {
         self.advance(Limit::until(until)).await?;
-        let turns = self.engine.catch_up(until);
-        self.give(turns).await?;
+        let grants = self.engine.catch_up(until);
+        self.give(grants).await?;
         self.advance(Limit::until(until)).await
     }
 
@@ -512,21 +512,21 @@ impl Rig {
         Poll::Pending
     }
 
-    /// Gives boards their turns and waits for their answers.
-    async fn give(&mut self, turns: Vec<(NodeId, Turn)>) -> Result<(), RigError> {
-        for (id, turn) in turns {
+    /// Gives boards their grants and waits for their answers.
+    async fn give(&mut self, grants: Vec<(NodeId, Grant)>) -> Result<(), RigError> {
+        for (id, grant) in grants {
             self.lap();
             let node = &mut self.nodes[id];
             match &mut node.seat {
                 Seat::Local(stepper) => {
-                    let answer = stepper.turn(turn);
+                    let answer = stepper.grant(grant);
                     let broken = |source| RigError::BrokenPromise { board: node.name.clone(), source };
                     let answer = answer.map_err(broken)?;
                     self.charge(id);
                     self.engine.answer(id, answer)?;
                 }
                 Seat::Process(process) => {
-                    let sent = turn.into_records().try_for_each(|record| process.send(&record));
+                    let sent = grant.into_records().try_for_each(|record| process.send(&record));
                     sent.map_err(|source| RigError::Record { board: node.name.clone(), source })?;
                 }
                 Seat::Empty => {}
@@ -535,7 +535,7 @@ impl Rig {
         self.collect().await
     }
 
-    /// Waits until every board that has a turn has answered, or will not.
+    /// Waits until every board that has a grant has answered, or will not.
     async fn collect(&mut self) -> Result<(), RigError> {
         if !self.engine.is_waiting() {
             return Ok(());
@@ -565,7 +565,7 @@ impl Rig {
                     self.charge(id);
                     self.take_answer(id, answer).await?;
                 }
-                // A turn that is long, to a board that takes it bit by bit.
+                // A grant that is long, to a board that takes it bit by bit.
                 Happened::Nothing if core::mem::replace(&mut taken, self.taken()) != taken => {
                     patience.set(tokio::time::sleep(SLOW_BOARD));
                 }
@@ -586,7 +586,7 @@ impl Rig {
     async fn take_answer(&mut self, id: NodeId, answer: io::Result<Option<FromBoard>>) -> Result<(), RigError> {
         let name = &self.nodes[id].name;
         match answer {
-            Ok(Some(FromBoard::Batch(batch))) => Ok(self.engine.answer(id, batch)?),
+            Ok(Some(FromBoard::Report(report))) => Ok(self.engine.answer(id, report)?),
             Ok(Some(FromBoard::Broken(message))) => Err(RigError::Board { board: name.clone(), message }),
             Ok(Some(FromBoard::Ready { .. } | FromBoard::Told(_))) => {
                 Err(RigError::Board { board: name.clone(), message: "introduced itself twice".to_owned() })

@@ -11,7 +11,7 @@ use std::task::{Context, Poll, ready};
 use rustix::process::{Pid, WaitId, WaitIdOptions};
 use tokio::process::{Child, Command};
 use torno_protocol::board::Description;
-use torno_protocol::record::{Batch, FromBoard, Setup, Timed, ToBoard, VERSION};
+use torno_protocol::record::{FromBoard, Report, Setup, Timed, ToBoard, VERSION};
 
 use super::{Bytes, SLOW_BOARD};
 use crate::channel::{Channel, is_gone};
@@ -21,7 +21,7 @@ use crate::channel::{Channel, is_gone};
 pub(super) struct BoardProcess {
     origin: Origin,
     channel: Channel,
-    /// The beginning of the batch that is coming in.
+    /// The beginning of the report that is coming in.
     told: Vec<Timed>,
 }
 
@@ -123,7 +123,7 @@ impl BoardProcess {
             Some(FromBoard::Ready { .. }) => other("expected another description of the board: it is another build"),
             Some(FromBoard::Broken(message)) => Err(Unfit::Other(message)),
             None => other("its process ended at once"),
-            Some(FromBoard::Batch(_) | FromBoard::Told(_)) => other("answered before it was asked"),
+            Some(FromBoard::Report(_) | FromBoard::Told(_)) => other("answered before it was asked"),
         }
     }
 
@@ -148,9 +148,9 @@ impl BoardProcess {
                     self.told.extend(told);
                     continue;
                 }
-                Some(FromBoard::Batch(mut batch)) if !self.told.is_empty() => {
-                    self.told.append(&mut batch.outputs);
-                    Some(FromBoard::Batch(Batch { outputs: core::mem::take(&mut self.told), ..batch }))
+                Some(FromBoard::Report(mut report)) if !self.told.is_empty() => {
+                    self.told.append(&mut report.outputs);
+                    Some(FromBoard::Report(Report { outputs: core::mem::take(&mut self.told), ..report }))
                 }
                 record => record,
             }));

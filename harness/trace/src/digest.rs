@@ -10,7 +10,7 @@ use torno_engine::Fact;
 use torno_protocol::layout::Layout;
 
 /// Hashes facts, each line and each board in a stream of its own: in what order facts of different streams were settled
-/// depends on how time was cut into turns, and must not show.
+/// depends on how time was cut into grants, and must not show.
 pub struct Digest {
     nodes: Vec<Stream>,
     lines: Vec<Stream>,

@@ -9,7 +9,7 @@ use proptest::prelude::*;
 use torno_dspic::{Dspic, DspicSettings};
 use torno_protocol::board::{Board, MotorStimulus, Output, Stimulus};
 use torno_protocol::clock::Clock;
-use torno_protocol::record::{Heard, Timed, Turn};
+use torno_protocol::record::{Grant, Heard, Timed};
 use torno_protocol::stepping::Stepper;
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::Transmitter;
@@ -145,7 +145,7 @@ proptest! {
     }
 }
 
-/// What the board does up to the last cut, if it hears each character in the turn in which it begins.
+/// What the board does up to the last cut, if it hears each character in the grant in which it begins.
 fn told(clock: Clock, heard: &[Heard], cuts: &[Instant]) -> Vec<Timed> {
     let mut stepper = Stepper::new(Dspic::new(&DspicSettings::default(), clock));
     let begin = |heard: &Heard| match heard {
@@ -156,9 +156,9 @@ fn told(clock: Clock, heard: &[Heard], cuts: &[Instant]) -> Vec<Timed> {
     let mut commit = Instant::START;
     for until in cuts {
         let now = heard.iter().filter(|heard| (commit..*until).contains(&begin(heard))).cloned().collect();
-        let batch = stepper.turn(Turn { commit, until: *until, heard: now }).unwrap();
-        told.retain(|timed| timed.at < batch.from);
-        told.extend(batch.outputs);
+        let report = stepper.grant(Grant { commit, until: *until, heard: now }).unwrap();
+        told.retain(|timed| timed.at < report.from);
+        told.extend(report.outputs);
         commit = *until;
     }
     let end = cuts[cuts.len() - 1];

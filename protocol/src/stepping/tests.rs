@@ -73,35 +73,35 @@ fn byte(byte: u8, at: Instant) -> Heard {
     Heard::Edges { port: 0, edges: uart.load(at).unwrap().edges }
 }
 
-fn turn(until: Instant, heard: Vec<Heard>) -> Turn {
-    Turn { commit: Instant::START, until, heard }
+fn grant(until: Instant, heard: Vec<Heard>) -> Grant {
+    Grant { commit: Instant::START, until, heard }
 }
 
 #[test]
 fn runs_ahead_to_the_next_output_and_promises_it() {
     let mut stepper = Stepper::new(Counter::new(false, true));
-    let batch = stepper.turn(turn(ms(1), vec![])).unwrap();
-    let spoke = batch.outputs.iter().find(|told| matches!(told.output, Output::Character { .. })).unwrap();
+    let report = stepper.grant(grant(ms(1), vec![])).unwrap();
+    let spoke = report.outputs.iter().find(|told| matches!(told.output, Output::Character { .. })).unwrap();
     assert_eq!(spoke.at, ms(510));
-    assert!(batch.horizon > spoke.at && batch.mute_since.is_none());
+    assert!(report.horizon > spoke.at && report.mute_since.is_none());
 }
 
 #[test]
 fn a_silent_board_is_run_ahead_to_the_cap_and_a_mute_one_not_at_all() {
-    let batch = Stepper::new(Counter::new(false, false)).turn(turn(ms(1), vec![])).unwrap();
-    assert_eq!(batch.horizon, ms(1110));
-    let batch = Stepper::new(Counter::new(true, false)).turn(turn(ms(1), vec![])).unwrap();
-    assert_eq!((batch.horizon, batch.mute_since), (ms(30), Some(Instant::START)));
+    let report = Stepper::new(Counter::new(false, false)).grant(grant(ms(1), vec![])).unwrap();
+    assert_eq!(report.horizon, ms(1110));
+    let report = Stepper::new(Counter::new(true, false)).grant(grant(ms(1), vec![])).unwrap();
+    assert_eq!((report.horizon, report.mute_since), (ms(30), Some(Instant::START)));
 }
 
 #[test]
 fn what_is_heard_takes_back_what_was_told_from_its_effect_on() {
     let mut stepper = Stepper::new(Counter::new(false, false));
-    stepper.turn(turn(ms(1), vec![])).unwrap();
-    let batch = stepper.turn(turn(ms(1), vec![byte(7, ms(100))])).unwrap();
-    assert!(batch.from > ms(100) && batch.from < ms(101));
-    assert_eq!(batch.outputs[0].output, Output::Event { event: 0, value: 7 });
-    assert!(batch.outputs.iter().all(|told| told.at >= batch.from));
+    stepper.grant(grant(ms(1), vec![])).unwrap();
+    let report = stepper.grant(grant(ms(1), vec![byte(7, ms(100))])).unwrap();
+    assert!(report.from > ms(100) && report.from < ms(101));
+    assert_eq!(report.outputs[0].output, Output::Event { event: 0, value: 7 });
+    assert!(report.outputs.iter().all(|told| told.at >= report.from));
 }
 
 #[test]
@@ -113,7 +113,7 @@ fn noise_that_has_become_certain_leaves_nothing_behind() {
         let edges = [(0, Level::Low), (5_000 * (n % 6), Level::High)];
         let edge = |(ns, level): &(u64, Level)| Edge { at: from + Span::from_nanos(*ns), level: *level };
         let heard = vec![Heard::Edges { port: 0, edges: edges.iter().map(edge).collect() }];
-        stepper.turn(Turn { commit: from, until, heard }).unwrap();
+        stepper.grant(Grant { commit: from, until, heard }).unwrap();
         format!("{:?}", stepper.head.receivers).len()
     };
     let sizes: Vec<usize> = (1..1_000).map(&mut size).collect();
@@ -123,8 +123,8 @@ fn noise_that_has_become_certain_leaves_nothing_behind() {
 #[test]
 fn a_broken_promise_is_named() {
     let mut stepper = Stepper::new(Counter::new(true, true));
-    stepper.turn(turn(ms(1), vec![])).unwrap();
-    assert_eq!(stepper.turn(turn(ms(1000), vec![])), Err(BrokenPromise { at: ms(510) }));
+    stepper.grant(grant(ms(1), vec![])).unwrap();
+    assert_eq!(stepper.grant(grant(ms(1000), vec![])), Err(BrokenPromise { at: ms(510) }));
 }
 
 /// Concludes something 50 ms after each character.
@@ -164,8 +164,8 @@ impl Board for Patient {
 #[test]
 fn a_silence_is_told_until_it_has_lasted_and_only_if_it_lasts() {
     let silences = |stepper: &mut Stepper<Patient>, heard| -> Vec<u64> {
-        let batch = stepper.turn(turn(ms(1), heard)).unwrap();
-        batch.silences.iter().map(|silence| silence.deadline.since(ms(0)).as_nanos() / 1_000_000).collect()
+        let report = stepper.grant(grant(ms(1), heard)).unwrap();
+        report.silences.iter().map(|silence| silence.deadline.since(ms(0)).as_nanos() / 1_000_000).collect()
     };
     let mut stepper = Stepper::new(Patient::default());
     // The first is broken by the second character, 20 ms later.
@@ -229,9 +229,9 @@ fn slow_firmware_handles_one_thing_at_a_time_and_its_fifo_overruns() {
 fn a_slow_board_with_characters_to_fetch_is_not_mute() {
     let mut stepper = Stepper::new(Counter::new(true, false));
     let slow = stimulus(ms(1), Stimulus::Slow(Span::from_millis(100)));
-    let batch = stepper.turn(turn(ms(6), vec![slow, byte(1, ms(2)), byte(2, ms(4))])).unwrap();
-    assert!(batch.outputs.iter().any(|told| told.output == Output::Event { event: 0, value: 2 }));
-    assert_eq!(batch.mute_since.map(|since| since.as_nanos() / 1_000_000), Some(103));
+    let report = stepper.grant(grant(ms(6), vec![slow, byte(1, ms(2)), byte(2, ms(4))])).unwrap();
+    assert!(report.outputs.iter().any(|told| told.output == Output::Event { event: 0, value: 2 }));
+    assert_eq!(report.mute_since.map(|since| since.as_nanos() / 1_000_000), Some(103));
 }
 
 #[test]
