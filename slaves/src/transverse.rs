@@ -15,7 +15,7 @@ use crate::task::Task;
 
 /// In position for so long, the axis is done: four samples of 30 ms. (Ours.)
 const SETTLED_MS: u32 = 120;
-/// Without a count for so long, an axis that is not in position is stalled: 34 samples of 30 ms. (Ours.)
+/// Driven for so long without a count, an axis that is not in position is stalled: 34 samples of 30 ms. (Ours.)
 const STALL_MS: u32 = 1_020;
 
 /// The feed axis's board.
@@ -114,7 +114,8 @@ impl Firmware {
 
     fn progress(&mut self, moved: bool) -> Progress {
         let to_go = (self.profile.target() - self.count).abs();
-        self.still = if moved || to_go <= self.in_position { 0 } else { self.still + 1 };
+        let goes = moved || to_go <= self.in_position || self.drive == 0;
+        self.still = if goes { 0 } else { self.still + 1 };
         self.settled = if self.profile.is_finished() && to_go <= self.in_position { self.settled + 1 } else { 0 };
         if self.still >= self.stall_samples {
             Progress::Failed(Fault::Stalled)

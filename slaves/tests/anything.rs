@@ -247,6 +247,26 @@ fn a_spindle_with_a_fast_clock_obeys_after_a_loss_of_power_cut_its_acknowledgeme
     obeys(Spindle::new(&SpindleSettings::default(), clock), acts, &[75]).unwrap();
 }
 
+/// Two counts short, the integral cancels the proportional part for more than a second: the motor is not driven.
+#[test]
+fn a_transverse_axis_is_not_stalled_while_its_motor_is_not_driven() {
+    let clock = |ppb| Clock::from_ppb(ppb).unwrap();
+    let acts = vec![
+        Act::Wait(11),
+        Act::Wrong(Stimulus::Clock(clock(12_342_664))),
+        Act::Hang(933),
+        Act::Wrong(MotorStimulus::Drive(140).of(0)),
+        Act::Wait(6),
+        Act::Wrong(MotorStimulus::Supply(513).of(0)),
+        Act::Wait(5_437),
+        Act::Bytes(vec![ENQ]),
+        Act::Bytes(vec![1, 0, 2, 0]),
+        Act::Wait(1_256),
+    ];
+    let board = Transverse::new(&TransverseSettings::default(), clock(9_036_070));
+    obeys(board, acts, &[5, 0, 70, 1]).unwrap();
+}
+
 /// Bytes one after the other, the first from `ms` milliseconds on.
 fn edges(ms: u64, bytes: &[u8]) -> Vec<Heard> {
     let mut transmitter = Transmitter::hardware(Rate::hz(9_600), Clock::TRUE);
