@@ -248,8 +248,9 @@ fn a_dump_that_cannot_be_written_is_refused_before_anything_runs() {
 fn a_port_that_is_not_there_or_no_serial_port_is_refused() {
     let folder = folder();
     let program = file(folder.path(), "my.frames", "00 00 00 00 00 00 00 00");
-    for port in ["/nowhere/pc", &program, "/dev/null"] {
-        refused(&["send", &program, "--port", port], &[&format!("cannot open the serial port '{port}'")]);
+    refused(&["send", &program, "--port", "/nowhere/pc"], &["cannot open the serial port '/nowhere/pc'"]);
+    for port in [&program, "/dev/null", folder.path().to_str().unwrap()] {
+        refused(&["send", &program, "--port", port], &[&format!("'{port}' is no serial port: expected a terminal")]);
     }
 }
 
@@ -278,9 +279,46 @@ fn words_that_are_not_known_are_refused() {
         (&["board", "mill"], "[possible values: master, spindle, transverse, depth, dspic, servo, echo]"),
         (&["send", "a.frames"], "--port"),
         (&["send", "a.frames", "--port", "x", "--baud", "0"], "invalid value '0' for '--baud"),
-        (&["send", "a.frames", "--port", "x", "--timeout", "0"], "expected seconds, 0.01 to 86400"),
+        (&["run", "--part", "x.png"], "the drawing is SVG: expected a name that ends in .svg"),
+        (&["identify", "lathe", "spindle", "--plot", "x.jpg"], "expected a name that ends in .svg or .png"),
+        (&["tune", "lathe", "spindle", "-o", "x.pdf"], "expected a name that ends in .svg or .png"),
+        (&["run", "--vcd", "x.vcd", "--vcd-step", "3 ns"], "expected 1, 10 or 100 of ns or us, or 1 ms"),
+        (&["run", "--in-process", "--processes"], "cannot be used with"),
+        (&["run", "--patience", "5 parsecs"], "expected a time, such as '1.5 s'"),
+        (&["send", "a.frames", "--port", "x", "--patience", "0"], "expected 10 ms to 86400 s"),
     ] {
         refused(arguments, &[expected]);
+    }
+}
+
+#[test]
+fn a_dash_is_standard_output_and_the_summary_then_goes_to_standard_error() {
+    let output = output(&["run", "--in-process", "--report", "-"]);
+    let (page, text) = (String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap());
+    assert!(output.status.success() && page.starts_with("<!DOCTYPE html>"), "{text}");
+    assert!(page.trim_end().ends_with("</html>") && text.contains("completed"), "{text}");
+    assert!(!Path::new("-").exists());
+}
+
+#[test]
+fn a_picture_is_what_its_name_says() {
+    let folder = folder();
+    for (name, begins) in [("x.png", &b"\x89PNG"[..]), ("x.svg", b"<svg"), ("x.SVG", b"<svg")] {
+        let path = folder.path().join(name);
+        let picture = ["--plot", path.to_str().unwrap()];
+        let step = ["identify", "lathe", "spindle", "--input", "step", "--for", "8 s"];
+        assert!(output(&[&step[..], &picture].concat()).status.success());
+        assert!(fs::read(&path).unwrap().starts_with(begins), "{name}");
+    }
+}
+
+#[test]
+fn a_value_of_another_type_is_named_where_it_is_refused() {
+    let folder = folder();
+    for (value, found) in [("300", "'300': expected a ratio"), ("true", "'true': expected a ratio")] {
+        let faults = format!("[[fault]]\nboard = \"spindle\"\nkind = \"load\"\nvalue = {value}\n");
+        let path = file(folder.path(), "faults.toml", faults);
+        refused(&["run", "--faults", &path], &["faults.toml:4:9: ", found]);
     }
 }
 
@@ -318,7 +356,7 @@ fn the_help_names_what_there_is_and_fits_the_screen() {
     contains(&run, &["[default: lathe]", "[default: a stepped shaft]", "[default: max]", "--in-process", "--json"]);
     contains(&run, &["--seed", "[default: what", "--vcd"]);
     contains(&help(&["up", "--help"]), &["[default: lathe]", "[default: 1]", "--link", "RIG-pc", "--json"]);
-    contains(&help(&["send", "--help"]), &["--port", "[default: 9600]", "[default: 5]"]);
+    contains(&help(&["send", "--help"]), &["--port", "[default: 9600]", "[default: 5 s]"]);
     help(&["board", "--help"]);
 }
 

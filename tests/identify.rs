@@ -96,7 +96,7 @@ fn another_motor_is_found_without_being_told() {
     let folder = folder();
     let path =
         rig(folder.path(), "spindle", "plant.km_rad_per_s_volt = 11.5\nplant.tau_s = 0.9\ncontroller.window_ms = 20");
-    let found = json(&output(&["identify", &path, "spindle", "--input", "step", "--seconds", "5", "--json"]));
+    let found = json(&output(&["identify", &path, "spindle", "--input", "step", "--for", "5", "--json"]));
     near(&found["result"]["gain"], 11.5, 0.1);
     near(&found["result"]["tau_s"], 0.9, 0.2);
     near(&found["period_s"], 0.020, 1e-6);
@@ -155,7 +155,7 @@ fn a_real_motor_is_identified_from_a_file() {
         near(&found["result"]["gain"], 12.0, 0.2);
         near(&found["result"]["tau_s"], 0.4, 1.0);
         assert_eq!(found["axis"], column == "position");
-        assert_eq!(found["units"]["input"], "v");
+        assert_eq!(found["units"]["input"], "V");
     }
     let tuned = json(&output(&["tune", "--from", path, "--counts-per-rev", "200", "--json"]));
     assert_eq!(tuned["law"], "pid");
@@ -196,8 +196,8 @@ fn a_rig_that_cannot_be_identified_says_why() {
         (vec!["spindel"], "there is no board 'spindel' in the rig 'lathe': did you mean 'spindle'?"),
         (vec!["master"], "board 'master' has no motor: expected one of spindle, transverse, depth"),
         (vec!["spindle", "--level", "40"], "level 40: expected above 0 and up to 30 V"),
-        (vec!["spindle", "--seconds", "0"], "seconds 0: expected 1 to 3600"),
-        (vec!["spindle", "--seconds", "2"], "the data are too short: they end after"),
+        (vec!["spindle", "--for", "0"], "0 s is no such time: expected 1 s to 3600 s"),
+        (vec!["spindle", "--for", "2"], "the data are too short: they end after"),
         (vec!["servo", "servo"], "there is no room to drive it freely"),
         (vec!["lathe-dspic", "dspic"], "expected one of dspic.spindle, dspic.transverse, dspic.depth"),
         (vec!["lathe-dspic", "dspic.spindel"], "on board 'dspic': did you mean 'spindle'?"),
@@ -279,8 +279,7 @@ fn friction_is_found_and_what_lacks_it_is_doubted() {
 
 #[test]
 fn data_that_end_too_soon_are_no_ground_for_the_papers_method() {
-    let found =
-        complaint(&["identify", "transverse", "--input", "step", "--seconds", "1", "--method", "peak-settling"]);
+    let found = complaint(&["identify", "transverse", "--input", "step", "--for", "1", "--method", "peak-settling"]);
     assert!(found.contains("the data end too soon for this method"), "{found}");
     let slow = json(&output(&["identify", "spindle", "--set", "spindle.plant.tau_s=30", "--json"]));
     for method in ["eq4", "eq4-mean", "log-linear"] {

@@ -402,7 +402,7 @@ fn an_unknown_name_is_answered_with_the_nearest() {
         (["--line", "pc_to_mastr"], "unknown line 'pc_to_mastr': did you mean 'pc_to_master'?"),
         (["--board", "dept"], "unknown board 'dept': did you mean 'depth'?"),
         (["--kind", "event"], "unknown kind 'event': did you mean 'events'?"),
-        (["--from", "soon"], "expected seconds, 0 to 1000000000"),
+        (["--from", "soon"], "expected a time, such as '1.5 s'"),
     ] {
         let output = on(2, &[&["trace", word(&trace)], &arguments[..]].concat());
         assert!(complaint(&output).contains(expected), "{}", complaint(&output));

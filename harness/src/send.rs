@@ -1,8 +1,12 @@
 //! Is the PC on any serial port: sends a program frame by frame, honours the hold, listens to the replies.
 
-use std::io;
+use std::fs::OpenOptions;
+use std::io::{self, IsTerminal};
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::Path;
 use std::time::Duration;
 
+use rustix::fs::OFlags;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio_serial::{SerialPortBuilderExt, SerialStream};
 use torno_protocol::lathe::{Outcome, Program, Reply, ReplyDecoder, Tally};
@@ -31,6 +35,12 @@ pub enum SendError {
         /// Why.
         source: tokio_serial::Error,
     },
+    /// It is something else.
+    #[error("'{port}' is no serial port: expected a terminal, such as /dev/ttyUSB0 or the link that 'torno up' prints")]
+    NoPort {
+        /// What was opened.
+        port: String,
+    },
     /// The port failed.
     #[error("the serial port '{port}' failed")]
     Port {
@@ -41,6 +51,27 @@ pub enum SendError {
     },
 }
 
+/// Opens a serial port.
+///
+/// # Errors
+/// [`SendError::Open`] and [`SendError::NoPort`].
+pub fn open_port(port: &str, baud: u32) -> Result<SerialStream, SendError> {
+    let port = port.to_owned();
+    match tokio_serial::new(&port, baud).open_native_async() {
+        Ok(stream) => Ok(stream),
+        Err(_) if is_no_terminal(Path::new(&port)) => Err(SendError::NoPort { port }),
+        Err(source) => Err(SendError::Open { port, source }),
+    }
+}
+
+/// It can be opened, and is no terminal.
+fn is_no_terminal(path: &Path) -> bool {
+    // Who opens a pipe would otherwise wait for its other end.
+    let waits_for_nothing = OFlags::NONBLOCK.bits() as i32;
+    let opened = OpenOptions::new().read(true).custom_flags(waits_for_nothing).open(path);
+    opened.is_ok_and(|file| !file.is_terminal())
+}
+
 impl Send {
     /// Sends the program. A frame is sent when the one before it has been acknowledged: the master can hold one while
     /// the machine works. After a failure nothing more is sent: with a frame missing, the rest would turn another part.
@@ -48,9 +79,7 @@ impl Send {
     /// # Errors
     /// [`SendError`] if the port cannot be opened or fails.
     pub async fn run(&self, mut heard: impl FnMut(&Tally, Reply)) -> Result<(Tally, Outcome), SendError> {
-        let builder = tokio_serial::new(&self.port, self.baud);
-        let open = |source| SendError::Open { port: self.port.clone(), source };
-        let mut port = builder.open_native_async().map_err(open)?;
+        let mut port = open_port(&self.port, self.baud)?;
         let failed = |source| SendError::Port { port: self.port.clone(), source };
         let mut conversation = Tally::default();
         let mut decoder = ReplyDecoder::default();

@@ -8,6 +8,7 @@ use torno::rig::Driver;
 use torno::rig::file::RigFile;
 use torno_protocol::lathe::Program;
 use torno_protocol::time::{Instant, Span};
+use torno_trace::Timescale;
 
 pub(crate) const ENQ: u8 = 0x05;
 pub(crate) const BEL: u8 = 0x07;
@@ -97,7 +98,12 @@ impl Dump {
 
     pub(crate) fn of(played: &Played) -> Self {
         let mut bytes = Vec::new();
-        played.waveforms.as_ref().unwrap().write(&mut bytes, played.end, Span::from_millis(2)).unwrap();
+        played
+            .waveforms
+            .as_ref()
+            .unwrap()
+            .write(&mut bytes, played.end, Span::from_millis(2), Timescale::NANOSECOND)
+            .unwrap();
         Self::read(std::str::from_utf8(&bytes).unwrap())
     }
 

@@ -52,6 +52,11 @@ pub trait Dialect: Debug + Sync {
     fn player(&self) -> &'static str {
         "torno up"
     }
+
+    /// The command that plays one at the port of a rig that is up, if there is one.
+    fn player_at_port(&self) -> Option<&'static str> {
+        None
+    }
 }
 
 /// Listens at the PC's side of the cable.

@@ -63,7 +63,7 @@ pub enum Finding {
     },
     /// The motor stops although it is driven.
     #[error(
-        "the motor stops dead {at} s after the start, though it is driven: an end of travel, a blocked shaft, or a \
+        "the motor stops dead {at:.3} s after the start, though it is driven: an end of travel, a blocked shaft, or a \
          motor whose position, not its speed, follows the drive"
     )]
     StopsDead {

@@ -1,6 +1,7 @@
 //! Figures: panels one below the other, each with its axes, units, grid and legend.
 
 use std::fmt;
+use std::path::Path;
 
 use plotters::prelude::*;
 
@@ -97,33 +98,45 @@ impl PlotError {
     }
 }
 
+/// What a figure can be written as.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// Scalable Vector Graphics.
+    Svg,
+    /// Portable Network Graphics.
+    Png,
+}
+
+impl Format {
+    /// The format that a file's name asks for; SVG where it has no extension.
+    pub fn of(path: &Path) -> Option<Self> {
+        let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
+        match extension.as_deref() {
+            None | Some("svg") => Some(Self::Svg),
+            Some("png") => Some(Self::Png),
+            Some(_) => None,
+        }
+    }
+}
+
 impl Figure {
-    /// The figure as SVG.
+    /// The figure in a format, in these colours.
     ///
     /// # Errors
     /// [`PlotError`] if it cannot be drawn.
-    pub fn svg(&self) -> Result<String, PlotError> {
-        self.svg_in(&Colours::default())
-    }
-
-    /// The same, in these colours.
-    ///
-    /// # Errors
-    /// [`PlotError`] if it cannot be drawn.
-    pub fn svg_in(&self, colours: &Colours) -> Result<String, PlotError> {
-        let mut svg = String::new();
-        self.draw(SVGBackend::with_string(&mut svg, self.size()), colours)?;
-        Ok(svg)
-    }
-
-    /// The figure as PNG, in these colours.
-    ///
-    /// # Errors
-    /// [`PlotError`] if it cannot be drawn.
-    pub fn png_in(&self, colours: &Colours) -> Result<Vec<u8>, PlotError> {
-        let mut picture = Picture::default();
-        self.draw(Bitmap::new(self.size(), &mut picture), colours)?;
-        picture.png().map_err(PlotError::of)
+    pub fn encode(&self, format: Format, colours: &Colours) -> Result<Vec<u8>, PlotError> {
+        match format {
+            Format::Svg => {
+                let mut svg = String::new();
+                self.draw(SVGBackend::with_string(&mut svg, self.size()), colours)?;
+                Ok(svg.into_bytes())
+            }
+            Format::Png => {
+                let mut picture = Picture::default();
+                self.draw(Bitmap::new(self.size(), &mut picture), colours)?;
+                picture.png().map_err(PlotError::of)
+            }
+        }
     }
 
     fn heights(&self) -> impl Iterator<Item = u32> {
@@ -237,13 +250,17 @@ impl Panel {
 mod tests {
     use super::*;
 
+    fn svg(figure: &Figure) -> String {
+        String::from_utf8(figure.encode(Format::Svg, &Colours::default()).unwrap()).unwrap()
+    }
+
     /// It stands above its panel, in as many rows as it needs.
     #[test]
     fn the_legend_covers_nothing() {
         let series = |name: &str| Series::new(name, Style::Line, vec![(0.0, 0.0), (1.0, 1.0)]);
         let long = "tp and ts, Eq 8-10 (the paper's), and then some";
         let panel = Panel { x: String::new(), y: String::new(), height: 0.6, series: vec![series(long); 4] };
-        let svg = Figure { title: String::new(), panels: vec![panel] }.svg().unwrap();
+        let svg = svg(&Figure { title: String::new(), panels: vec![panel] });
         let y = |line: &str| line.split("y=\"").nth(1).and_then(|y| y.split('"').next()?.parse::<f64>().ok());
         let lines: Vec<&str> = svg.split("<text").collect();
         let texts: Vec<f64> =
@@ -268,7 +285,7 @@ mod tests {
             series: styles.map(|(name, style)| series(name, style)).to_vec(),
         };
         let empty = Panel { series: Vec::new(), ..panel.clone() };
-        let svg = Figure { title: "spindle".to_owned(), panels: vec![panel, empty] }.svg().unwrap();
+        let svg = svg(&Figure { title: "spindle".to_owned(), panels: vec![panel, empty] });
         for word in ["spindle", "time, s", "speed, rad/s", "data", "model", "Eq 4", "drive"] {
             assert!(svg.contains(word), "{word}");
         }

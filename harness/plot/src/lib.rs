@@ -11,7 +11,7 @@ mod figure;
 
 pub use chart::{Chart, Row};
 pub use colours::{Colouring, Colours};
-pub use figure::{Figure, Panel, PlotError, Series, Style};
+pub use figure::{Figure, Format, Panel, PlotError, Series, Style};
 
 /// Text in SVG or HTML.
 pub fn escaped(text: &str) -> String {

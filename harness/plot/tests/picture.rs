@@ -2,14 +2,15 @@
 
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
 
-use torno_plot::{Colouring, Colours, Figure, Panel, Series, Style};
+use torno_plot::{Colouring, Colours, Figure, Format, Panel, Series, Style};
 
 /// Size and pixels.
 fn drawn(colours: &[&str], title: &str) -> ((u32, u32), Vec<[u8; 3]>) {
     let colours: Vec<Colouring> = colours.iter().map(|colour| colour.parse().unwrap()).collect();
     let series = Series::new("s", Style::Line, vec![(0.0, 0.0), (1.0, 1.0)]);
     let panel = Panel { x: "t".to_owned(), y: "s".to_owned(), height: 1.0, series: vec![series] };
-    let png = Figure { title: title.to_owned(), panels: vec![panel] }.png_in(&Colours::with(&colours)).unwrap();
+    let png =
+        Figure { title: title.to_owned(), panels: vec![panel] }.encode(Format::Png, &Colours::with(&colours)).unwrap();
     let mut reader = png::Decoder::new(std::io::Cursor::new(png)).read_info().unwrap();
     let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
     let info = reader.next_frame(&mut bytes).unwrap();

@@ -40,7 +40,7 @@ pub(super) fn code(error: &anyhow::Error) -> u8 {
 
 fn of_port(error: &SendError) -> u8 {
     match error {
-        SendError::Open { .. } => USAGE,
+        SendError::Open { .. } | SendError::NoPort { .. } => USAGE,
         SendError::Port { .. } => FAILED,
     }
 }

@@ -8,8 +8,11 @@ use torno::identify::bench::{Excitation, Plan, Recording, Subject};
 use torno::identify::csv::{self, Measured};
 use torno::identify::{Identification, Method, Units};
 use torno::rig::file::{DEFAULT, RigFile};
+use torno_plot::Colours;
+use torno_protocol::time::Span;
 
-use super::{load_rig, print_result, write_file};
+use super::options::{picture, time};
+use super::{draw, load_rig, print_result};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -18,8 +21,8 @@ pub(super) struct Arguments {
     /// Only this method [default: all that the data allow]
     #[arg(long, value_enum)]
     method: Option<Method>,
-    /// Draws the data and the model's response over it
-    #[arg(long, value_name = "FILE.svg")]
+    /// Draws the data and the model's response over it (.svg or .png)
+    #[arg(short = 'o', long, value_name = "FILE", value_parser = picture)]
     plot: Option<PathBuf>,
     /// Prints everything as one line of JSON
     #[arg(long)]
@@ -37,9 +40,9 @@ pub(super) struct Source {
     /// What the motor is driven with [default: both]
     #[arg(long, value_enum, conflicts_with = "from")]
     input: Option<Excitation>,
-    /// How long it is driven, in s [default: 20 for a step (10 in a loop), 60 for a PRBS]
-    #[arg(long, conflicts_with = "from")]
-    seconds: Option<f64>,
+    /// How long it is driven [default: 20 s for a step (10 s in a loop), 60 s for a PRBS]
+    #[arg(long = "for", alias = "seconds", conflicts_with = "from", value_name = "TIME", value_parser = time)]
+    lasting: Option<Span>,
     /// The largest drive, in the motor's own unit: V of the main motor, LSB of the feed's, whose loop gets a step
     /// for it [default: a good one]
     #[arg(long, conflicts_with = "from", allow_negative_numbers = true)]
@@ -103,7 +106,7 @@ impl Source {
         let inputs = self.input.map_or(vec![Excitation::Step, Excitation::Prbs], |input| vec![input]);
         let mut recordings = Vec::new();
         for excitation in inputs {
-            let seconds = self.seconds.unwrap_or(excitation.seconds(subject.is_axis()));
+            let seconds = self.lasting.map_or_else(|| excitation.seconds(subject.is_axis()), |span| span.as_secs_f64());
             let plan = Plan { excitation, seconds, level: self.level, seed: self.seed };
             recordings.push(subject.run(&file, &plan).await?);
         }
@@ -120,7 +123,7 @@ impl Arguments {
     pub(super) async fn run(self) -> anyhow::Result<ExitCode> {
         let Identified { identification, .. } = self.source.identify(self.method).await?;
         if let Some(path) = &self.plot {
-            write_file(path, identification.figure().svg()?)?;
+            draw(path, &identification.figure(), &Colours::default())?;
         }
         print_result(self.json, &identification)?;
         Ok(ExitCode::SUCCESS)

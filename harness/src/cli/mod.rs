@@ -7,6 +7,7 @@ mod diff;
 mod exit;
 mod identify;
 mod join;
+mod options;
 mod output;
 mod replay;
 mod run;
@@ -32,7 +33,6 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 use torno::observe::log;
 use torno::play::DEMONSTRATION;
 use torno::recorder::Recorder;
-use torno::rig::Driver;
 use torno::rig::file::{DEFAULT, RigFile};
 use torno::text_file::TextError;
 use torno_protocol::lathe::Program;
@@ -40,7 +40,7 @@ use torno_trace::{Damage, Header, Trace};
 
 use exit::{FAILED, INTERRUPTED, USAGE};
 use join::wait_for_boards;
-use output::{OutputFile, colour, print, print_result, print_text, write_file};
+use output::{OutputFile, colour, draw, is_output, print, print_beside, print_result, print_text, write_file};
 
 /// What a bare `torno` says.
 const INTRODUCTION: &str = "\
@@ -145,14 +145,6 @@ pub(crate) fn main(started: Instant) -> ExitCode {
 fn complain(error: &anyhow::Error) -> ExitCode {
     eprintln!("torno: {error:#}");
     ExitCode::from(exit::code(error))
-}
-
-/// The boards' processes, or none.
-fn driver(in_process: bool) -> anyhow::Result<Driver> {
-    if in_process {
-        return Ok(Driver::InProcess);
-    }
-    Ok(Driver::Processes { exe: std::env::current_exe().context("cannot find this program, to start the boards")? })
 }
 
 /// A rig and a program, from two optional words: a word that ends in `.frames` is a program.

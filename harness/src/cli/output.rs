@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use anstream::{AutoStream, ColorChoice};
 use anyhow::Context;
 use serde::Serialize;
+use torno_plot::{Colours, Figure, Format};
 
 /// A result on standard output, as it is.
 pub(super) fn print(text: &(impl AsRef<[u8]> + ?Sized)) -> anyhow::Result<()> {
@@ -32,21 +33,44 @@ fn put(mut output: impl Write, bytes: &[u8]) -> anyhow::Result<()> {
     }
 }
 
+/// The same, but on standard error if one of `files` is standard output.
+pub(super) fn print_beside(
+    files: &[&Option<PathBuf>],
+    json: bool,
+    result: &(impl Serialize + Display),
+) -> anyhow::Result<()> {
+    if !files.iter().any(|file| file.as_deref().is_some_and(is_output)) {
+        return print_result(json, result);
+    }
+    let text = if json { serde_json::to_string(result)? + "\n" } else { result.to_string() };
+    put(anstream::stderr().lock(), text.as_bytes())
+}
+
+/// The name that stands for standard output.
+pub(super) fn is_output(path: &Path) -> bool {
+    path == Path::new("-")
+}
+
 /// Whether standard output shows colours.
 pub(super) fn colour() -> bool {
     AutoStream::choice(&io::stdout()) != ColorChoice::Never
 }
 
-/// A file for a result. It is opened before anything runs: a file that cannot be written must not cost a run.
+/// A file for a result; `-` is standard output. It is opened before anything runs: a file that cannot be written must not
+/// cost a run.
 pub(super) struct OutputFile<'a> {
     path: &'a Path,
-    file: File,
+    file: Box<dyn Write>,
 }
 
 impl<'a> OutputFile<'a> {
     /// Empties the file or makes a new one.
     pub(super) fn create(path: &'a PathBuf) -> anyhow::Result<Self> {
-        let file = File::create(path).with_context(|| cannot_write(path))?;
+        let file: Box<dyn Write> = if is_output(path) {
+            Box::new(io::stdout())
+        } else {
+            Box::new(File::create(path).with_context(|| cannot_write(path))?)
+        };
         Ok(Self { path, file })
     }
 
@@ -56,15 +80,23 @@ impl<'a> OutputFile<'a> {
     }
 
     /// The same, piece by piece.
-    pub(super) fn write_by(self, write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> anyhow::Result<()> {
+    pub(super) fn write_by(self, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> anyhow::Result<()> {
         let mut file = BufWriter::new(self.file);
         write(&mut file).and_then(|()| file.flush()).with_context(|| cannot_write(self.path))
     }
 }
 
-/// Writes a file for a result.
+/// Writes a file for a result; `-` is standard output.
 pub(super) fn write_file(path: &Path, bytes: impl AsRef<[u8]>) -> anyhow::Result<()> {
+    if is_output(path) {
+        return print(&bytes);
+    }
     std::fs::write(path, bytes).with_context(|| cannot_write(path))
+}
+
+/// Draws a figure, in the format that the file's name asks for.
+pub(super) fn draw(path: &Path, figure: &Figure, colours: &Colours) -> anyhow::Result<()> {
+    write_file(path, figure.encode(Format::of(path).unwrap_or(Format::Svg), colours)?)
 }
 
 fn cannot_write(path: &Path) -> String {

@@ -6,18 +6,17 @@ use std::time::Instant;
 
 use serde_json::json;
 use torno::replay::replay;
-use torno::rig::Driver;
 use torno_trace::diff::{Extent, first_difference};
 
-use super::{FAILED, INTERRUPTED, Interrupt, USAGE, driver, load_trace, print};
+use super::options::Placement;
+use super::{FAILED, INTERRUPTED, Interrupt, USAGE, load_trace, print};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
     /// The trace that '--record' has written
     file: PathBuf,
-    /// Runs each board in a process of its own instead of all in this one
-    #[arg(long)]
-    processes: bool,
+    #[command(flatten)]
+    placement: Placement,
     /// Prints the result as one line of JSON
     #[arg(long)]
     json: bool,
@@ -26,7 +25,7 @@ pub(super) struct Arguments {
 impl Arguments {
     pub(super) async fn run(self, started: Instant) -> anyhow::Result<ExitCode> {
         let (trace, damage) = load_trace(&self.file)?;
-        let driver = if self.processes { driver(false)? } else { Driver::InProcess };
+        let driver = self.placement.or_in_process()?;
         let mut interrupt = Interrupt::listen()?;
         let again = tokio::select! {
             again = replay(&trace, &driver) => again?,

@@ -13,12 +13,14 @@ use torno::rig::file::RigFile;
 use torno::scenario::seed_text;
 use torno_machines::workpiece::ToolPath;
 use torno_protocol::lathe::Outcome;
-use torno_text::parse_span;
+use torno_protocol::time::Span;
+use torno_trace::Timescale;
 use tracing::Instrument;
 
+use super::options::{Placement, drawing, time, timescale};
 use super::{
-    FAILED, INTERRUPTED, Interrupt, OutputFile, driver, load_program, load_rig, print_result, rig_and_program,
-    rig_span, start_recording, wait_for_boards,
+    FAILED, INTERRUPTED, Interrupt, OutputFile, load_program, load_rig, print_beside, rig_and_program, rig_span,
+    start_recording, wait_for_boards,
 };
 
 #[derive(Debug, clap::Args)]
@@ -36,9 +38,8 @@ pub(super) struct Arguments {
     /// Breaks what this file says: [[fault]] tables as in a scenario
     #[arg(long, value_name = "FILE")]
     faults: Option<PathBuf>,
-    /// Runs the boards in this process instead of one each
-    #[arg(long)]
-    in_process: bool,
+    #[command(flatten)]
+    placement: Placement,
     /// Leaves a board's place open, and waits until 'torno board KIND --join SOCKET' takes it (may be given several
     /// times) [default socket: RIG-BOARD-join in $XDG_RUNTIME_DIR/torno or /tmp/torno-UID]
     #[arg(long = "await", value_name = "BOARD[=SOCKET]")]
@@ -46,11 +47,14 @@ pub(super) struct Arguments {
     /// Sets what the rig file could say: BOARD.TABLE.FIELD, BOARD.clock_ppm or pc.FIELD (may be given several times)
     #[arg(long, value_name = "PLACE=VALUE")]
     set: Vec<String>,
-    /// Writes every line of the rig as a one-bit signal, in nanoseconds
+    /// Writes every line of the rig as a one-bit signal (VCD)
     #[arg(long, value_name = "FILE")]
     vcd: Option<PathBuf>,
-    /// Draws the part that was turned: bar, asked and got, to scale (SVG)
-    #[arg(long, value_name = "FILE")]
+    /// The unit of time of --vcd: 1, 10 or 100 of ns or us, or 1 ms
+    #[arg(long, value_name = "TIME", default_value = "1 us", value_parser = timescale, requires = "vcd")]
+    vcd_step: Timescale,
+    /// Draws the part that was turned (.svg): bar, asked and got, to scale
+    #[arg(long, value_name = "FILE", value_parser = drawing)]
     part: Option<PathBuf>,
     /// Writes a page to look at: motion, the bus, the part, the figures (HTML, one file)
     #[arg(long, value_name = "FILE")]
@@ -62,8 +66,8 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
     /// Gives up when no frame has been accepted for so long, in virtual time
-    #[arg(long, default_value = "3600 s", value_name = "TIME")]
-    patience: String,
+    #[arg(long, default_value = "3600 s", value_name = "TIME", value_parser = time)]
+    patience: Span,
     /// Prints the summary as one line of JSON; before it, one for --await
     #[arg(long)]
     json: bool,
@@ -110,13 +114,13 @@ impl Arguments {
         let tail = file.margin();
         let rig = file.name.clone();
         let waveforms = vcd.is_some();
-        let others = driver(self.in_process)?;
+        let others = self.placement.or_processes()?;
         let mut interrupt = Interrupt::listen()?;
         let waited = wait_for_boards(&file, &self.awaited, others, self.json, &mut interrupt).await?;
         let Some((driver, waited)) = waited else { return Ok(ExitCode::from(INTERRUPTED)) };
         let started = started + waited;
         let (pace, measure) = (self.pace, self.stats);
-        let patience = parse_span(&self.patience).map_err(|message| anyhow::anyhow!("--patience: {message}"))?;
+        let patience = self.patience;
         let play = Play { pace, faults, waveforms, measure, keep, patience, ..Play::new(file, program, driver) };
 
         let bar = Bar::new(frames, started);
@@ -127,7 +131,7 @@ impl Arguments {
             tracing::warn!("the fault '{name}' has not fired");
         }
         if let (Some(file), Some(waveforms)) = (vcd, &played.waveforms) {
-            file.write_by(|file| waveforms.write(file, played.end, tail))?;
+            file.write_by(|file| waveforms.write(file, played.end, tail, self.vcd_step))?;
         }
         let part = asked.zip(played.path.take().map(ToolPath::cut));
         let cut = part.map(|((part, asked), turned)| Cut::new(part, asked, turned));
@@ -144,7 +148,7 @@ impl Arguments {
         if let (Some(file), Some(trace)) = (report, trace) {
             file.write(Page { trace: &trace, summary: Some(&summary), cut: cut.as_ref() }.html())?;
         }
-        print_result(self.json, &summary)?;
+        print_beside(&[&self.vcd, &self.part, &self.report], self.json, &summary)?;
         Ok(code)
     }
 }

@@ -8,7 +8,9 @@ use std::time::{Duration, Instant};
 use torno::report::{Bar, Frames, Summary, failures};
 use torno::send::Send;
 use torno_protocol::lathe::{BAUD, Outcome};
+use torno_protocol::time::Span;
 
+use super::options::time;
 use super::{FAILED, INTERRUPTED, Interrupt, load_program, print, print_result};
 
 #[derive(Debug, clap::Args)]
@@ -21,24 +23,25 @@ pub(super) struct Arguments {
     /// The port's speed in baud
     #[arg(long, default_value_t = BAUD, value_parser = clap::value_parser!(u32).range(50..=4_000_000))]
     baud: u32,
-    /// How long a frame may go without any answer, in seconds
-    #[arg(long, default_value_t = 5.0, value_name = "SECONDS", value_parser = seconds)]
-    timeout: f64,
+    /// How long a frame may go without any answer
+    #[arg(long, alias = "timeout", default_value = "5 s", value_name = "TIME", value_parser = patience)]
+    patience: Span,
     /// Prints the summary as one line of JSON
     #[arg(long)]
     json: bool,
 }
 
-fn seconds(text: &str) -> Result<f64, String> {
-    let seconds = text.parse().ok().filter(|seconds| (0.01..=86_400.0).contains(seconds));
-    seconds.ok_or_else(|| "expected seconds, 0.01 to 86400".to_owned())
+fn patience(text: &str) -> Result<Span, String> {
+    let span = time(text)?;
+    let allowed = Span::from_millis(10)..=Span::from_secs(86_400);
+    if allowed.contains(&span) { Ok(span) } else { Err("expected 10 ms to 86400 s".to_owned()) }
 }
 
 impl Arguments {
     pub(super) async fn run(self, started: Instant) -> anyhow::Result<ExitCode> {
         let (program_name, program) = load_program(Some(&self.program))?;
         let frames = program.frames.len();
-        let patience = Duration::from_secs_f64(self.timeout);
+        let patience = Duration::from_nanos(self.patience.as_nanos());
         let send = Send { program, port: self.port.clone(), baud: self.baud, patience };
         let mut interrupt = Interrupt::listen()?;
         let bar = Bar::new(frames, started);

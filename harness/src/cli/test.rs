@@ -9,7 +9,8 @@ use torno::report::Bar;
 use torno::scenario::{Scenario, TestReport, run_all, run_recorded, seed_text};
 use torno::session::SessionError;
 
-use super::{FAILED, driver, print, print_text, start_recording, write_file};
+use super::options::Placement;
+use super::{FAILED, print, print_text, start_recording, write_file};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -22,9 +23,8 @@ pub(super) struct Arguments {
     /// So many scenarios at once [default: one a processor]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
-    /// Runs each board in a process of its own: slower, and the same result
-    #[arg(long)]
-    processes: bool,
+    #[command(flatten)]
+    placement: Placement,
     /// Records everything that happens, for 'torno trace', 'torno replay' and 'torno diff'; overwrites a trace. For one
     /// scenario
     #[arg(long, value_name = "FILE")]
@@ -44,7 +44,7 @@ impl Arguments {
             let scenario = Scenario::load(&path, self.seed)?;
             scenarios.push((path.display().to_string(), scenario));
         }
-        let driver = driver(!self.processes)?;
+        let driver = self.placement.or_in_process()?;
         let recorder = self.record.as_deref().map(|path| recorder(path, &scenarios)).transpose()?;
         if !self.json {
             let random = scenarios.iter().filter(|(_, scenario)| scenario.is_random());

@@ -11,8 +11,9 @@ use torno::rig::file::RigFile;
 use torno_protocol::time::{Instant, Span};
 use torno_trace::analyser::rows;
 use torno_trace::rows::{CSV_HEADER, Filter, Row, Wanted};
-use torno_trace::{Trace, Waveforms};
+use torno_trace::{Timescale, Trace, Waveforms};
 
+use super::options::{time, timescale};
 use super::{OutputFile, USAGE, colour, load_trace, write_file};
 
 /// Goes on for so long after the end of a waveform dump whose rig this version cannot read: two characters at 50 baud.
@@ -22,17 +23,20 @@ const LONG_TAIL: Span = Span::from_millis(400);
 pub(super) struct Arguments {
     /// The trace that '--record' has written
     file: PathBuf,
-    /// Nothing before this, in virtual seconds
-    #[arg(long, value_name = "S", value_parser = seconds)]
+    /// Nothing before this, in virtual time
+    #[arg(long, value_name = "TIME", value_parser = instant)]
     from: Option<Instant>,
-    /// Nothing after this, in virtual seconds
-    #[arg(long, value_name = "S", value_parser = seconds)]
+    /// Nothing after this, in virtual time
+    #[arg(long, value_name = "TIME", value_parser = instant)]
     to: Option<Instant>,
     #[command(flatten)]
     shown: Shown,
-    /// Writes every line of the rig as a one-bit signal, in nanoseconds; prints nothing
+    /// Writes every line of the rig as a one-bit signal (VCD); prints nothing
     #[arg(long, value_name = "FILE", conflicts_with_all = ["csv", "json", "from", "to", "line", "board", "kind"])]
     vcd: Option<PathBuf>,
+    /// The unit of time of --vcd: 1, 10 or 100 of ns or us, or 1 ms
+    #[arg(long, value_name = "TIME", default_value = "1 us", value_parser = timescale, requires = "vcd")]
+    vcd_step: Timescale,
     /// Writes a page to look at: motion, the bus, the part, the figures (HTML, one file); prints nothing
     #[arg(long, value_name = "FILE",
           conflicts_with_all = ["vcd", "csv", "json", "from", "to", "line", "board", "kind"])]
@@ -59,10 +63,8 @@ pub(super) struct Shown {
     pub(super) kind: Vec<String>,
 }
 
-fn seconds(text: &str) -> Result<Instant, String> {
-    let seconds: Option<f64> = text.parse().ok().filter(|seconds| (0.0..=1e9).contains(seconds));
-    let nanos = seconds.map(|seconds| (seconds * 1e9).round() as u64);
-    nanos.map(Instant::from_nanos).ok_or_else(|| "expected seconds, 0 to 1000000000".to_owned())
+fn instant(text: &str) -> Result<Instant, String> {
+    time(text).map(|since_start| Instant::START + since_start)
 }
 
 impl Arguments {
@@ -70,7 +72,7 @@ impl Arguments {
         let (trace, damage) = load_trace(&self.file)?;
         if let Some(path) = &self.vcd {
             let file = OutputFile::create(path)?;
-            file.write_by(|file| write_waveforms(&trace, file))?;
+            file.write_by(|file| write_waveforms(&trace, self.vcd_step, file))?;
         } else if let Some(path) = &self.report {
             let page = Page { trace: &trace, summary: None, cut: Cut::of(&trace).as_ref() }.html();
             write_file(path, page)?;
@@ -102,10 +104,10 @@ fn print_rows(first: Option<&str>, rows: impl Iterator<Item = String>) -> io::Re
     output.flush()
 }
 
-fn write_waveforms(trace: &Trace, file: impl Write) -> io::Result<()> {
+fn write_waveforms(trace: &Trace, scale: Timescale, file: impl Write) -> io::Result<()> {
     let mut waveforms = Waveforms::new(&trace.header.layout);
     trace.facts.iter().for_each(|fact| waveforms.add(fact));
     let end = trace.end.as_ref().map_or(trace.settled, |end| end.at);
     let tail = RigFile::parse(&trace.header.rig, &trace.header.text).map_or(LONG_TAIL, |file| file.margin());
-    waveforms.write(file, end, tail)
+    waveforms.write(file, end, tail, scale)
 }

@@ -6,9 +6,11 @@ use std::process::ExitCode;
 use anyhow::Context;
 use torno::identify::Method;
 use torno::identify::tune::Tuning;
+use torno_plot::Colours;
 
 use super::identify::{Identified, Source};
-use super::{print_result, write_file};
+use super::options::picture;
+use super::{draw, print_result};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -20,8 +22,8 @@ pub(super) struct Arguments {
     /// In degrees, 10 to 90
     #[arg(long, value_name = "DEGREES", default_value_t = torno_identify::design::PHASE_MARGIN, value_parser = degrees)]
     phase_margin: f64,
-    /// Draws what the rig did, and what was foretold
-    #[arg(long, value_name = "FILE.svg")]
+    /// Draws what the rig did, and what was foretold (.svg or .png)
+    #[arg(short = 'o', long, value_name = "FILE", value_parser = picture)]
     plot: Option<PathBuf>,
     /// Prints everything as one line of JSON
     #[arg(long)]
@@ -41,7 +43,7 @@ impl Arguments {
         let subject = identification.subject.clone();
         let tuning = Tuning::of(identification, on_rig.as_ref(), self.phase_margin).await.context(subject)?;
         if let Some(path) = &self.plot {
-            write_file(path, tuning.figure().svg()?)?;
+            draw(path, &tuning.figure(), &Colours::default())?;
         }
         print_result(self.json, &tuning)?;
         Ok(ExitCode::SUCCESS)

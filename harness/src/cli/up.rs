@@ -14,7 +14,8 @@ use torno::rig::file::{DEFAULT, RigFile};
 use torno::scenario::seed_text;
 use tracing::Instrument;
 
-use super::{Interrupt, driver, load_rig, print, rig_span, start_recording, wait_for_boards};
+use super::options::Placement;
+use super::{Interrupt, load_rig, print, rig_span, start_recording, wait_for_boards};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -27,9 +28,8 @@ pub(super) struct Arguments {
     /// Virtual seconds per second, or 'max': as fast as the rig has something to do
     #[arg(long, default_value = "1", value_name = "N|max")]
     pace: Pace,
-    /// Runs the boards in this process instead of one each
-    #[arg(long)]
-    in_process: bool,
+    #[command(flatten)]
+    placement: Placement,
     /// Leaves a board's place open, and waits until 'torno board KIND --join SOCKET' takes it (may be given several
     /// times) [default socket: RIG-BOARD-join in $XDG_RUNTIME_DIR/torno or /tmp/torno-UID]
     #[arg(long = "await", value_name = "BOARD[=SOCKET]")]
@@ -93,7 +93,7 @@ impl Arguments {
         if self.faults.is_some() {
             tracing::info!("seed {}", seed_text(seed, &drawn));
         }
-        let others = driver(self.in_process)?;
+        let others = self.placement.or_processes()?;
         let waited = wait_for_boards(&file, &self.awaited, others, self.json, &mut interrupt).await?;
         let Some((driver, _)) = waited else { return Ok(ExitCode::SUCCESS) };
         let port = PcPort::open(link, file.pc.baud)?;
@@ -158,8 +158,8 @@ fn announcement(file: &RigFile, live: &Live, control: &Path, pace: Pace, json: b
         let what = format!("{what} port");
         ports += &format!("{what:<9} {link}  ({baud} baud, 8N1)\n");
         ports += &format!("attach    picocom -b {baud} {link}\n");
-        if n == 0 {
-            ports += &format!("or        torno send PROGRAM --port {link}\n");
+        if let Some(player) = gateway.dialect.player_at_port() {
+            ports += &format!("or        {player} PROGRAM --port {link}\n");
         }
     }
     let usual = control == torno::port::default_folder().join(format!("{DEFAULT}-control"));

@@ -412,14 +412,14 @@ impl RawFault {
 
     fn time(&self, what: &str) -> Result<Span, Complaint> {
         let value = self.value(what)?;
-        let text = value.get_ref().as_str().unwrap_or_default();
-        parse_span(text).map_err(|message| (value.span(), format!("{what}: {message}")))
+        let text = text_of(value);
+        parse_span(&text).map_err(|message| (value.span(), format!("{what}: {message}")))
     }
 
     fn ratio(&self, least: i64, most: i64, what: &str) -> Result<i64, Complaint> {
         let value = self.value(what)?;
-        let text = value.get_ref().as_str().unwrap_or_default();
-        let found = parse_ratio(text).map_err(|message| (value.span(), format!("{what}: {message}")))?;
+        let text = text_of(value);
+        let found = parse_ratio(&text).map_err(|message| (value.span(), format!("{what}: {message}")))?;
         if (least..=most).contains(&found) {
             Ok(found)
         } else {
@@ -430,6 +430,11 @@ impl RawFault {
     fn integer(&self, least: i64, most: i64, what: &str) -> Result<i64, Complaint> {
         whole(self.value(what)?, least, most, what)
     }
+}
+
+/// A text as it is, anything else as the file writes it.
+fn text_of(value: &Spanned<Value>) -> String {
+    value.get_ref().as_str().map_or_else(|| value.get_ref().to_string(), str::to_owned)
 }
 
 fn whole(value: &Spanned<Value>, least: i64, most: i64, what: &str) -> Result<i64, Complaint> {

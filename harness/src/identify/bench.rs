@@ -146,7 +146,7 @@ pub enum BenchError {
         unit: &'static str,
     },
     /// A time that is none.
-    #[error("seconds {found}: expected 1 to 3600")]
+    #[error("{found} s is no such time: expected 1 s to 3600 s")]
     Seconds {
         /// What was asked for.
         found: f64,

@@ -126,6 +126,18 @@ struct Columns {
     speed_unit: Option<String>,
 }
 
+/// A unit as it is written; the names of columns are in small letters.
+fn unit_of(name: &str) -> String {
+    match name {
+        "v" => "V",
+        "mv" => "mV",
+        "a" => "A",
+        "ma" => "mA",
+        unit => unit,
+    }
+    .to_owned()
+}
+
 impl Columns {
     fn find(head: &str) -> Result<Self, (&str, String)> {
         const KNOWN: [&str; 5] = ["time_s", "input", "counts", "position", "speed"];
@@ -134,7 +146,7 @@ impl Columns {
         let separator = [',', ';', '\t'].into_iter().find(|separator| head.contains(*separator)).unwrap_or(',');
         for (place, cell) in head.split(separator).enumerate() {
             let name = bare(cell);
-            let (word, unit) = name.split_once('_').map_or((name, None), |(word, unit)| (word, Some(unit.to_owned())));
+            let (word, unit) = name.split_once('_').map_or((name, None), |(word, unit)| (word, Some(unit_of(unit))));
             let role = match word {
                 "time" if unit.as_deref() == Some("s") => 0,
                 "input" => {
@@ -277,7 +289,7 @@ mod tests {
         let units = ["counts/s", "counts/s", "rpm"];
         for (text, unit) in texts.iter().zip(units) {
             let measured = parse("my.csv", text, None).unwrap();
-            assert_eq!((measured.units.input.as_str(), measured.units.speed.as_str()), ("v", unit));
+            assert_eq!((measured.units.input.as_str(), measured.units.speed.as_str()), ("V", unit));
             let fitted = torno_identify::nls::first_order(&measured.data).unwrap();
             assert!((fitted.gain.value - 10.0).abs() < 1e-6 && (fitted.tau.value - 0.5).abs() < 1e-6, "{fitted:?}");
         }

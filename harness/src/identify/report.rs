@@ -377,7 +377,8 @@ impl Identification {
             let findings: Vec<String> = useless.chain(findings).collect();
             return Err(match (findings.is_empty(), only) {
                 (true, Some(only)) => format!("{} cannot be used on such data", only.words()),
-                _ => findings.join("; "),
+                _ if findings.len() == 1 => findings.concat(),
+                _ => findings.iter().map(|finding| format!("\n  {finding}")).collect(),
             });
         };
         let Row { method, fitted: Some(fitted), fit_percent, doubts, .. } = best else {

@@ -519,6 +519,14 @@ impl fmt::Display for Tuning {
             writeln!(text)?;
             self.write_shown(text, shown, present, dim)?;
         }
+        if let Some([proposed, present]) = self.slower() {
+            let (proposed, present) = (short(proposed), short(present));
+            writeln!(
+                text,
+                "{warn}slower: on the rig the proposed controller needs {proposed} s, what is there {present} s; a smaller \
+                 --phase-margin makes it quicker{warn:#}"
+            )?;
+        }
         writeln!(text)?;
         writeln!(text, "{dim}to be set{dim:#}")?;
         // As `--set` takes it.
@@ -533,6 +541,13 @@ impl fmt::Display for Tuning {
 }
 
 impl Tuning {
+    /// What the proposed controller and the present one need on the rig, in s, if the proposed one needs longer.
+    fn slower(&self) -> Option<[f64; 2]> {
+        let needs = |seen: &Seen| seen.in_position_s.or(seen.step.map(|step| step.settling_s));
+        let both = [needs(self.shown.as_ref()?)?, needs(self.shown_present.as_ref()?)?];
+        (both[0] > both[1]).then_some(both)
+    }
+
     fn write_shown(&self, text: &mut fmt::Formatter<'_>, shown: &Seen, present: &Seen, dim: Style) -> fmt::Result {
         let cell = |number: Option<f64>, digits: usize| number.map_or("-".to_owned(), |n| format!("{n:.digits$}"));
         if self.motor.axis {

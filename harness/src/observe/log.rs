@@ -5,10 +5,10 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
-use std::io::IsTerminal;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
+use anstream::{AutoStream, ColorChoice};
 use anstyle::{AnsiColor, Style};
 use serde::Serialize;
 use serde_json::Value;
@@ -52,7 +52,8 @@ pub fn init(default: &str, form: Form) {
     let wanted = if wanted.trim().is_empty() { default } else { &wanted };
     let wanted = Wanted(wanted.parse().or_else(|_| default.parse()).unwrap_or_default());
     // A second call, in a test, changes nothing.
-    subscriber(wanted, form, std::io::stderr().is_terminal(), std::io::stderr).try_init().ok();
+    let ansi = AutoStream::choice(&std::io::stderr()) != ColorChoice::Never;
+    subscriber(wanted, form, ansi, std::io::stderr).try_init().ok();
 }
 
 fn subscriber<W>(wanted: Wanted, form: Form, ansi: bool, to: W) -> impl Subscriber + Send + Sync

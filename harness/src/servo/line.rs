@@ -5,7 +5,7 @@ use std::io;
 use std::time::Duration;
 
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use tokio_serial::{ClearBuffer, SerialPort, SerialPortBuilderExt, SerialStream};
+use tokio_serial::{ClearBuffer, SerialPort, SerialStream};
 use torno_engine::Fact;
 use torno_protocol::board::Stimulus;
 use torno_protocol::servo::{BAUD, CHARACTER};
@@ -14,7 +14,7 @@ use torno_protocol::time::{Instant, Span};
 use crate::pace::Pace;
 use crate::rig::Driver;
 use crate::rig::file::RigFile;
-use crate::send::SendError;
+use crate::send::{SendError, open_port};
 use crate::session::{Ended, Exchange, Happened, Session, SessionError};
 
 /// Virtual time goes no further at once while an answer is awaited.
@@ -208,12 +208,11 @@ impl SerialLine {
     /// Opens a port, at the controller's speed. It is released when this is dropped.
     ///
     /// # Errors
-    /// [`SendError::Open`].
+    /// As [`open_port`].
     pub fn open(port: &str) -> Result<Self, LineError> {
         let name = port.to_owned();
-        let open = tokio_serial::new(port, BAUD).open_native_async();
-        let open = open.and_then(|stream| stream.clear(ClearBuffer::Input).map(|()| stream));
-        let port = open.map_err(|source| SendError::Open { port: name.clone(), source })?;
+        let port = open_port(port, BAUD)?;
+        port.clear(ClearBuffer::Input).map_err(|source| SendError::Open { port: name.clone(), source })?;
         Ok(Self { port, name, free_at: tokio::time::Instant::now() })
     }
 

@@ -166,7 +166,7 @@ impl Report {
                     ],
                 },
                 Panel {
-                    x: "t, s (the last 4 s)".to_owned(),
+                    x: if window.len() < self.samples.len() { "t, s (the last 4 s)" } else { "t, s" }.to_owned(),
                     y: "following error, counts".to_owned(),
                     height: 0.8,
                     series: error,

@@ -48,7 +48,7 @@ use torno_protocol::time::Instant;
 pub use digest::{Digest, Sum};
 pub use format::{End, Header, MAGIC, VERSION};
 pub use reader::{Damage, read};
-pub use waveform::Waveforms;
+pub use waveform::{Timescale, Waveforms};
 pub use writer::Writer;
 
 /// A trace, as far as it could be read.

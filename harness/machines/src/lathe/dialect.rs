@@ -69,6 +69,10 @@ impl Dialect for Lathe {
     fn player(&self) -> &'static str {
         "torno run"
     }
+
+    fn player_at_port(&self) -> Option<&'static str> {
+        Some("torno send")
+    }
 }
 
 /// What a line is for.
@@ -217,7 +221,10 @@ impl Lines {
         let begun = conversation.awaiting.take();
         let done = |parity| (format!("ACK: done ({parity})"), false);
         // Whoever has been given nothing has lost nothing.
-        let failed = |fault| (format!("CAN: failed ({fault})"), fault != Fault::Restarted || conversation.given);
+        let failed = |fault| match fault {
+            Fault::Restarted if !conversation.given => ("CAN: started".to_owned(), false),
+            fault => (format!("CAN: failed ({fault})"), true),
+        };
         let told = match (begun, heard.character.ok()) {
             (Some(ACK), Some(letter)) => Parity::from_letter(letter).map(done),
             (Some(CAN), Some(letter)) => Fault::from_letter(letter).map(failed),

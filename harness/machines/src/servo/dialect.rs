@@ -75,6 +75,10 @@ impl Dialect for Servo {
     fn player(&self) -> &'static str {
         "torno servo run"
     }
+
+    fn player_at_port(&self) -> Option<&'static str> {
+        Some("torno servo run")
+    }
 }
 
 fn increments(text: &str) -> Result<Vec<i8>, String> {

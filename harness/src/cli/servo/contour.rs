@@ -1,13 +1,14 @@
 //! `torno servo contour`
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use serde_json::json;
 use torno::servo::contour::{self, Contour};
 use torno_servo::contour::{Shape, Task};
 
-use super::{Paint, RIG, load_rig, print};
+use super::{Paint, RIG, draw, is_output, load_rig, print};
+use crate::cli::options::{picture, time};
 
 /// A path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -41,12 +42,12 @@ pub(super) struct Arguments {
     /// Kx of the axis y: 1 to 255
     #[arg(long, default_value_t = 18, value_name = "N", value_parser = clap::value_parser!(u8).range(1..))]
     kx_of_y: u8,
-    /// The motors' time constant, in s
-    #[arg(long, default_value_t = 0.03, value_name = "S", value_parser = tau)]
+    /// The motors' time constant: 1 ms to 200 ms
+    #[arg(long, default_value = "30 ms", value_name = "TIME", value_parser = tau)]
     tau: f64,
-    /// Draws the paths, as SVG or, if its name ends in .png, as PNG; '-' is standard output, as SVG
-    #[arg(short, long, value_name = "FILE")]
-    out: Option<PathBuf>,
+    /// Draws the paths (.svg or .png)
+    #[arg(short = 'o', long, alias = "out", value_name = "FILE", value_parser = picture)]
+    plot: Option<PathBuf>,
     #[command(flatten)]
     paint: Paint,
     /// Prints the result as one line of JSON
@@ -68,7 +69,8 @@ fn radius(text: &str) -> Result<f64, String> {
 }
 
 fn tau(text: &str) -> Result<f64, String> {
-    within(text, 0.001, 0.2)
+    let tau = time(text)?.as_secs_f64();
+    if (0.001..=0.2).contains(&tau) { Ok(tau) } else { Err("expected 1 ms to 200 ms".to_owned()) }
 }
 
 impl Arguments {
@@ -91,8 +93,8 @@ impl Arguments {
             let task = Task { shape, speed_mm_s: self.speed };
             contours.push(contour::drive(&file, task, kx, self.tau).await?);
         }
-        if let Some(path) = &self.out {
-            self.paint.draw(path, &contour::figure(&contours))?;
+        if let Some(path) = &self.plot {
+            draw(path, &contour::figure(&contours), &self.paint.colours())?;
         }
         let of = |contour: &Contour| {
             let Contour { measured, sampled, predicted, .. } = contour;
@@ -108,7 +110,7 @@ impl Arguments {
         } else {
             contours.iter().map(Contour::text).collect()
         };
-        if self.out.as_deref() == Some(Path::new("-")) {
+        if self.plot.as_deref().is_some_and(is_output) {
             eprint!("{text}")
         } else {
             print(&text)?

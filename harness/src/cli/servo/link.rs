@@ -19,7 +19,7 @@ pub(super) struct Arguments {
     /// Sets Kv: 0 to 255
     #[arg(long, value_name = "N")]
     kv: Option<u8>,
-    /// The language of what is said
+    /// The language of what Servo v1.0 says about the link
     #[arg(long, default_value = "en", value_name = "en|pl", value_parser = language)]
     lang: Language,
     /// Prints the result as one line of JSON

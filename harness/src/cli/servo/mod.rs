@@ -15,10 +15,13 @@ use torno::send::SendError;
 use torno::servo::report::graph;
 use torno::servo::{Controller, ControllerError, Gain, Line, LineError, SerialLine};
 use torno::text_file::TextError;
-use torno_plot::{Colouring, Colours, Figure};
+use torno_plot::{Colouring, Colours};
 use torno_servo::{Compiled, Finding, Language, Limits, Severity, compile};
 
-use super::{FAILED, INTERRUPTED, Interrupt, OutputFile, USAGE, driver, load_rig, print, start_recording, write_file};
+use super::options::picture;
+use super::{
+    FAILED, INTERRUPTED, Interrupt, OutputFile, USAGE, draw, is_output, load_rig, print, start_recording, write_file,
+};
 
 /// The rig that is meant where no port is named.
 const RIG: &str = "servo";
@@ -56,7 +59,7 @@ struct Stand {
     /// Where the carriage stands when the program begins, in mm
     #[arg(long, default_value_t = 0.0, value_name = "MM", allow_negative_numbers = true)]
     from: f64,
-    /// The language of messages about the program
+    /// The language of what Servo v1.0 says: messages about the program and about the link
     #[arg(long, default_value = "en", value_name = "en|pl", value_parser = language)]
     lang: Language,
 }
@@ -84,9 +87,10 @@ struct Check {
 struct Plot {
     /// The motion program
     program: PathBuf,
-    /// The picture, as SVG or, if its name ends in .png, as PNG [default: SVG on standard output]
-    #[arg(short, long, value_name = "FILE")]
-    out: Option<PathBuf>,
+    /// Where to draw it (.svg or .png) [default: SVG on standard output]
+    #[arg(short = 'o', long, alias = "out", value_name = "FILE", value_parser = picture, default_value = "-",
+          hide_default_value = true)]
+    plot: PathBuf,
     #[command(flatten)]
     paint: Paint,
     #[command(flatten)]
@@ -226,25 +230,15 @@ impl Plot {
             eprintln!("{}", source.compiled.verdict(self.stand.lang));
             return Ok(ExitCode::from(FAILED));
         };
-        let out = self.out.unwrap_or_else(|| PathBuf::from("-"));
-        self.paint.draw(&out, &graph(&source.name, program))?;
+        draw(&self.plot, &graph(&source.name, program), &self.paint.colours())?;
         Ok(ExitCode::SUCCESS)
     }
 }
 
 impl Paint {
-    /// The picture, as its name says.
-    fn draw(&self, path: &Path, figure: &Figure) -> anyhow::Result<()> {
-        let colours = Colours::with(&self.colour);
-        if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")) {
-            return write(path, figure.png_in(&colours)?);
-        }
-        write(path, figure.svg_in(&colours)?)
+    fn colours(&self) -> Colours {
+        Colours::with(&self.colour)
     }
-}
-
-fn write(path: &Path, bytes: impl AsRef<[u8]>) -> anyhow::Result<()> {
-    if path == Path::new("-") { print(&bytes) } else { write_file(path, bytes) }
 }
 
 /// What came of a conversation with the controller. If it has none, the exit code.
@@ -273,14 +267,14 @@ impl Place {
             match found {
                 Ok(controller) => return Ok(Ok(controller)),
                 Err(error) => {
-                    unopened &= matches!(error, ControllerError::Line(LineError::Serial(SendError::Open { .. })));
+                    let is_port =
+                        |error: &SendError| !matches!(error, SendError::Open { .. } | SendError::NoPort { .. });
+                    unopened &= matches!(&error, ControllerError::Line(LineError::Serial(error)) if !is_port(error));
                     eprintln!("torno: {:#}", anyhow::Error::new(error));
                 }
             }
         }
-        if lang == Language::Polish {
-            eprintln!("Brak odpowiedzi sterownika !");
-        }
+        eprintln!("{}", not_connected(lang));
         Ok(Err(ExitCode::from(if unopened { USAGE } else { FAILED })))
     }
 }
@@ -290,6 +284,14 @@ fn connected(lang: Language, on: &str) -> String {
     match lang {
         Language::English => format!("controller connected: {on}"),
         Language::Polish => format!("sterownik połączony: {on}"),
+    }
+}
+
+/// That no controller has answered, and the status that Servo v1.0 shows then (§3.1).
+const fn not_connected(lang: Language) -> &'static str {
+    match lang {
+        Language::English => "no answer from a controller: not connected",
+        Language::Polish => "Brak odpowiedzi sterownika !\nnie połączony",
     }
 }
 

@@ -1,6 +1,6 @@
 //! `torno servo run`
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::Context;
@@ -11,9 +11,10 @@ use torno::servo::controller::parts;
 use torno::servo::{Controller, Ended, Line, Report, RigLine};
 
 use super::{
-    FAILED, INTERRUPTED, Interrupt, OutputFile, Paint, Place, Source, Stand, connected, driver, gains, print,
-    start_recording, write,
+    FAILED, INTERRUPTED, Interrupt, OutputFile, Paint, Place, Source, Stand, connected, draw, gains, is_output, print,
+    start_recording, write_file,
 };
+use crate::cli::options::{Placement, picture};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -35,19 +36,17 @@ pub(super) struct Arguments {
     /// Virtual seconds per second, or 'max'
     #[arg(long, default_value = "max", value_name = "N|max", conflicts_with = "port")]
     pace: Pace,
-    /// Runs the boards in this process instead of one each
-    #[arg(long, conflicts_with = "port")]
-    in_process: bool,
+    #[command(flatten)]
+    placement: Placement,
     /// Records everything that happens, for 'torno trace', 'torno replay' and 'torno diff'; overwrites a trace
     #[arg(long, value_name = "FILE", conflicts_with = "port")]
     record: Option<PathBuf>,
     /// Writes a page to look at: motion, the line, the figures (HTML, one file)
     #[arg(long, value_name = "FILE", conflicts_with = "port")]
     report: Option<PathBuf>,
-    /// Draws the run: positions, and the following error of the last 4 s, as SVG or, if its name ends in .png, as PNG;
-    /// '-' is standard output, as SVG
-    #[arg(short, long, value_name = "FILE")]
-    out: Option<PathBuf>,
+    /// Draws the run (.svg or .png): positions, and the following error of the last 4 s
+    #[arg(short = 'o', long, alias = "out", value_name = "FILE", value_parser = picture)]
+    plot: Option<PathBuf>,
     #[command(flatten)]
     paint: Paint,
     /// Writes the data, a line a tick; '-' is standard output
@@ -73,6 +72,7 @@ impl Arguments {
         if self.place.port.is_empty() {
             return self.on_rig(&source).await;
         }
+        anyhow::ensure!(!self.placement.is_chosen(), "a stand at --port has no boards to place: leave the option out");
         match self.place.port(self.stand.lang).await? {
             Ok(mut controller) => {
                 eprintln!("{}", connected(self.stand.lang, controller.line().name()));
@@ -90,7 +90,7 @@ impl Arguments {
         let header = file.header(&self.place.rig, 0, Some(&source.name));
         let recorder = self.record.as_deref().map(|path| start_recording(path, &header)).transpose()?;
         let page = self.report.as_ref().map(OutputFile::create).transpose()?;
-        let mut line = RigLine::start(&file, &driver(self.in_process)?).await?;
+        let mut line = RigLine::start(&file, &self.placement.or_processes()?).await?;
         line.set_pace(self.pace)?;
         if let Some(recorder) = recorder {
             line.session().record(recorder);
@@ -159,13 +159,13 @@ impl Arguments {
     }
 
     fn tell(&self, report: &Report) -> anyhow::Result<ExitCode> {
-        if let Some(path) = &self.out {
-            self.paint.draw(path, &report.figure())?;
+        if let Some(path) = &self.plot {
+            draw(path, &report.figure(), &self.paint.colours())?;
         }
         if let Some(path) = &self.csv {
-            write(path, report.csv())?;
+            write_file(path, report.csv())?;
         }
-        let on_output = [&self.out, &self.csv].into_iter().flatten().any(|path| path == Path::new("-"));
+        let on_output = [&self.plot, &self.csv, &self.report].into_iter().flatten().any(|path| is_output(path));
         let text = if self.json { format!("{}\n", report.json()) } else { report.text() };
         if on_output {
             eprint!("{text}")
