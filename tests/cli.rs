@@ -356,7 +356,7 @@ fn the_help_names_what_there_is_and_fits_the_screen() {
     contains(&run, &["[default: lathe]", "[default: a stepped shaft]", "[default: max]", "--in-process", "--json"]);
     contains(&run, &["--seed", "[default: what", "--vcd"]);
     contains(&help(&["up", "--help"]), &["[default: lathe]", "[default: 1]", "--link", "RIG-pc", "--json"]);
-    contains(&help(&["send", "--help"]), &["--port", "[default: 9600]", "[default: 5 s]"]);
+    contains(&help(&["send", "--help"]), &["--port", "[default: 9600]", "[default: \"5 s\"]"]);
     help(&["board", "--help"]);
 }
 
