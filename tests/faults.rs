@@ -121,13 +121,13 @@ fn a_fault_that_ends_by_itself_can_be_healed_before() {
         step("run = \"1 s\"") + &step("send = [\"00 00 00 00 00 00 02 00\"]") + &step("wait = { reply = \"XON\" }");
     let there = step("check = { board = \"depth\", quantity = \"position_counts\", equals = 2 }");
     for (how, frames) in [
-        // What has started anew takes no part before it has said so.
+        // What has restarted takes no part before it has said so.
         ("board = \"depth\", kind = \"crash\"", 2),
         ("board = \"depth\", kind = \"power-off\"", 2),
         ("line = \"master_to_depth\", kind = \"cut\"", 1),
     ] {
         let healed = broken(how) + &step("run = \"1 s\"") + &step("heal = \"x\"");
-        // Nor does its own end come any more: a board that starts anew counts from 0.
+        // Nor does its own end come any more: a board that restarts counts from 0.
         let go = go.repeat(frames);
         let outcome = run(&format!("name = \"n\"\n{healed}{go}{}{there}", step("run = \"20 s\"")));
         assert_eq!(failures(&outcome), [], "{how}");
@@ -189,7 +189,7 @@ fn a_state_tells_of_no_fault_that_is_over() {
     ctl(&up, &["fault", "counts", "depth", "3"]);
     ctl(&up, &["fault", "double", "master_to_pc"]);
     assert_eq!(faults(&up), ["master_to_pc double"]);
-    // The master has started anew and asks its slaves first.
+    // The master has restarted and asks its slaves first.
     pc.write(&AT_REST);
     while pc.read(1) != [ACK] {}
     pc.expect(&[ACK, XON]);

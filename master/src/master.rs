@@ -98,7 +98,7 @@ impl Master {
         Self { settings: settings.clone(), clock, timer, reception, links, failures: Vec::new() }
     }
 
-    /// The firmware starts anew: because its supply has come, or for another reason.
+    /// The firmware restarts: because its supply has come, or for another reason.
     fn restart(&mut self, now: Instant, power_on: bool) {
         let ready = now + self.clock.span(START_UP);
         self.links = Links::new(&self.timer, self.settings.patience(self.clock), ready);

@@ -41,7 +41,7 @@ pub enum Order {
 pub enum Beginning {
     /// Its supply has come. For all that is known, so has everybody's: nobody waits for anything.
     WithTheMachine,
-    /// It has started anew amid the machine's work. The PC is to be told then.
+    /// It has restarted amid the machine's work. The PC is to be told then.
     Alone(Instant),
     /// Nothing: it has been told, or need not be.
     Over,
@@ -139,7 +139,7 @@ impl Reception {
         }
     }
 
-    /// The firmware starts anew.
+    /// The firmware restarts.
     pub fn restart(&mut self, clock: Clock, beginning: Beginning) {
         let outputs = core::mem::take(&mut self.outputs);
         *self = Self { outputs, ..Self::new(clock, beginning) };
@@ -241,7 +241,7 @@ impl Reception {
         }
     }
 
-    /// Tells the PC that the board has started anew amid the machine's work. What was held is lost, and whether the PC
+    /// Tells the PC that the board has restarted amid the machine's work. What was held is lost, and whether the PC
     /// is held is not known: it is taken to be, so that its silence counts from the `XON`.
     fn confess(&mut self, now: Instant) {
         self.reply(Reply::Can(Party::Master, Fault::Restarted));

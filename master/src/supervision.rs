@@ -46,7 +46,7 @@ enum State {
 pub(crate) enum Report {
     /// It is done with what it was told.
     Done,
-    /// It has started anew while nothing was known of it.
+    /// It has restarted while nothing was known of it.
     Started,
     /// It failed.
     Failed(Fault),

@@ -704,7 +704,7 @@ proptest! {
             }
             bench.run(ms(gap));
         }
-        // Let whatever is executing come to an end: the slaves have started anew.
+        // Let whatever is executing come to an end: the slaves have restarted.
         for _ in 0..3 {
             bench.run(ms(200));
             (1..=3).for_each(|port| bench.send(port, &STARTED));

@@ -78,7 +78,7 @@ pub enum Stimulus {
     /// The firmware stops running (`true`) or runs on. Hardware receivers, outputs and the plant are not affected.
     /// The stepping loop sees to it; boards are not told. Power-on ends every hang.
     Hang(bool),
-    /// The firmware starts anew. The plant stays where it is.
+    /// The firmware restarts. The plant stays where it is.
     Reset,
     /// Something happens to a motor, or to what it moves. Boards without this motor ignore it.
     Motor {
@@ -99,7 +99,7 @@ pub enum Stimulus {
         ixon: bool,
     },
     /// The supply is gone (`false`) or back. Without it lines are idle from that instant on, nothing is received, no
-    /// firmware runs and drives are off; plants coast. With it the firmware starts anew, as after a
+    /// firmware runs and drives are off; plants coast. With it the firmware restarts, as after a
     /// [`Stimulus::Reset`], and whatever it counted counts from 0 again. What is so already stays as it is.
     ///
     /// The stepping loop sees to the lines and to the silence. Boards are told, for their firmware and plants; what

@@ -2,7 +2,7 @@
 //!
 //! Between inputs a board is deterministic. So the stepper runs it ahead of what the harness has granted, says what it
 //! will do, and keeps checkpoints. If an input then arrives at an instant that has been run past, it goes back to
-//! a checkpoint and runs again from there; only what lies at or after the input's first effect is told anew.
+//! a checkpoint and runs again from there; only what lies at or after the input's first effect is told again.
 //! What is run ahead may never happen, so a board affects nothing but through its outputs.
 
 use std::collections::VecDeque;
@@ -240,7 +240,7 @@ impl<B: Board> Cell<B> {
         if !on {
             (0..self.receivers.len()).for_each(|port| emit(at, Output::Cut { port: number(port) }));
         }
-        // The lines have been idle since the supply went: firmware that starts anew has nothing to cut.
+        // The lines have been idle since the supply went: firmware that restarts has nothing to cut.
         let mut emit = |at, output| {
             if !matches!(output, Output::Cut { .. }) {
                 emit(at, output);

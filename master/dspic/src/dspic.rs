@@ -76,7 +76,7 @@ impl Dspic {
         Self { clock, reception: Reception::new(clock, Beginning::Over), tasks }
     }
 
-    /// The firmware starts anew. A PC that was held, or whose frame was being executed, must be told.
+    /// The firmware restarts. A PC that was held, or whose frame was being executed, must be told.
     fn restart(&mut self, beginning: Beginning) {
         self.tasks.busy = [false; 3];
         self.reception.put(Output::Cut { port: PC });

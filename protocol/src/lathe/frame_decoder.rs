@@ -210,7 +210,7 @@ mod tests {
         assert_eq!(decoder.poll_timeout(), Some(ms(7) + silence(Clock::TRUE)), "one that is set stays");
         send(&mut decoder, ms(9), &FRAME[1..2]);
         assert_eq!(decoder.poll_timeout(), Some(ms(9) + silence(slow)));
-        // While characters are thrown away each of them sets it anew, and so does the decision to throw away.
+        // While characters are thrown away each of them sets it again, and so does the decision to throw away.
         decoder.abandon(ms(11));
         assert_eq!(decoder.poll_timeout(), Some(ms(11) + silence(slow)));
         send(&mut decoder, ms(15), &FRAME[..1]);

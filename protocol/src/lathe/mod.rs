@@ -16,7 +16,7 @@
 //!   ([`Fault::Garbled`]).
 //! - What begins like a sub-frame with the byte of `ENQ` and is cut there is answered like an enquiry. The parity tells
 //!   that nothing has been executed.
-//! - A slave that has started anew takes no sub-frame before it has said so: its count is 0 again, and what it was to
+//! - A slave that has restarted takes no sub-frame before it has said so: its count is 0 again, and what it was to
 //!   hold is lost. It answers `CAN r` when asked; both count from 0 then.
 //! - A restart or a loss of supply in the middle of a slave's reply leaves an `ACK` or a `CAN` without its letter. It
 //!   tells nothing, and the master asks when the next enquiry is due.
@@ -29,7 +29,7 @@
 //!
 //! # The master's start
 //!
-//! A master that starts anew amid the machine's work has lost what it held, and does not know whether the PC is held.
+//! A master that restarts amid the machine's work has lost what it held, and does not know whether the PC is held.
 //! It says `CAN m r`, as of every failure, and `XON` once all slaves are done, so that no PC stays held for ever. It
 //! knows from its reset-cause register that it has not lost its supply, or, if it has, from a slave that has not. If
 //! all have started with it, it says nothing: the machine has been switched on. (Ours.)

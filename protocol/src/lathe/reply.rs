@@ -35,7 +35,7 @@ pub enum Slave {
 /// Who failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Party {
-    /// The master itself: it has started anew.
+    /// The master itself: it has restarted.
     Master,
     /// A slave.
     Slave(Slave),
@@ -53,7 +53,7 @@ pub enum Fault {
     /// Its sub-frame did not reach it whole, and nothing of it was executed. Told only when asked: what is heard
     /// while no sub-frame is on its way is noise, and the master asks only while it waits for one.
     Garbled,
-    /// It has started anew since, and what it was told before is lost. A slave tells it only when asked, too, and takes
+    /// It has restarted since, and what it was told before is lost. A slave tells it only when asked, too, and takes
     /// no sub-frame before.
     Restarted,
 }
