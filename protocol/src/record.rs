@@ -74,7 +74,7 @@ pub struct Setup {
 pub struct Grant {
     /// Nothing that the board hears from now on matters before this instant.
     pub commit: Instant,
-    /// Run at least everything before this instant, mute or not.
+    /// Run at least everything before this instant, mute or not; less, if nothing is heard and the report is full.
     pub until: Instant,
     /// What the board hears, in order for each source.
     pub heard: Vec<Heard>,

@@ -21,6 +21,8 @@ const RUN_ON: Span = Span::from_millis(10);
 /// A checkpoint is taken after so many things handled.
 const CHECKPOINT_EVERY: u32 = 24;
 
+/// A report that holds so many outputs is full: a board that is far behind tells what it has caught up with in several.
+const REPORT_MAX: usize = 20_000;
 /// So many outputs are made room for at once: about as many as a busy slave has in [`RUN_AHEAD`].
 const OUTPUTS: usize = 128;
 
@@ -373,6 +375,8 @@ pub struct Stepper<B> {
     since_checkpoint: u32,
     /// Everything before this instant has been run and told.
     horizon: Instant,
+    /// A report with so many outputs is full.
+    report_max: usize,
 }
 
 /// An earlier state. Most are never gone back to, so it hears what has come since only if it is.
@@ -401,7 +405,19 @@ impl<B: Board> Stepper<B> {
     /// A stepper for `board`, as at power-on.
     pub fn new(board: B) -> Self {
         let head = Cell::new(board);
-        Self { checkpoints: vec![Checkpoint::of(&head)], head, since_checkpoint: 0, horizon: Instant::START }
+        Self {
+            checkpoints: vec![Checkpoint::of(&head)],
+            head,
+            since_checkpoint: 0,
+            horizon: Instant::START,
+            report_max: REPORT_MAX,
+        }
+    }
+
+    /// The same with reports that are full with fewer outputs. Nothing may depend on it: this is how that is proved.
+    #[must_use]
+    pub fn with_report_max(self, report_max: usize) -> Self {
+        Self { report_max, ..self }
     }
 
     /// The board, run ahead.
@@ -409,7 +425,8 @@ impl<B: Board> Stepper<B> {
         self.head.board()
     }
 
-    /// Takes a grant: hears what the harness says, runs ahead, and says what comes out.
+    /// Takes a grant: hears what the harness says, runs ahead, and says what comes out. Where nothing is heard, the
+    /// report ends before the grant does if it is full.
     ///
     /// # Errors
     /// [`BrokenPromise`] if the board's `mute` was wrong.
@@ -422,14 +439,22 @@ impl<B: Board> Stepper<B> {
         let from = self.horizon.min(effect.unwrap_or(Instant::NEVER));
         let mut report = Report { from, outputs: Vec::with_capacity(OUTPUTS), ..Report::default() };
         report.silences.extend(self.head.silence);
-        self.catch_up(effect.unwrap_or(grant.until), &mut report)?;
-        for heard in &grant.heard {
-            self.head.hear(heard);
+        let report_max = if effect.is_none() { self.report_max } else { usize::MAX };
+        match self.catch_up(effect.unwrap_or(grant.until), report_max, &mut report)? {
+            Some(next) => {
+                self.checkpoint();
+                self.horizon = next;
+            }
+            None => {
+                for heard in &grant.heard {
+                    self.head.hear(heard);
+                }
+                if let Some(last) = self.checkpoints.last_mut() {
+                    last.since.extend(grant.heard);
+                }
+                self.run_ahead(grant.until, effect, &mut report);
+            }
         }
-        if let Some(last) = self.checkpoints.last_mut() {
-            last.since.extend(grant.heard);
-        }
-        self.run_ahead(grant.until, effect, &mut report);
         self.settle(grant.commit);
         report.horizon = self.horizon;
         report.mute_since = self.head.mute_since;
@@ -470,11 +495,23 @@ impl<B: Board> Stepper<B> {
         }
     }
 
-    /// Runs and tells what lies between the horizon and `until`: that is how a mute board catches up.
-    fn catch_up(&mut self, until: Instant, report: &mut Report) -> Result<(), BrokenPromise> {
+    /// Runs and tells what lies between the horizon and `until`: that is how a mute board catches up. Says where it is
+    /// to go on if the report is full before.
+    fn catch_up(
+        &mut self,
+        until: Instant,
+        report_max: usize,
+        report: &mut Report,
+    ) -> Result<Option<Instant>, BrokenPromise> {
         let promised = self.head.mute_since.is_some();
         let mut spoke = None;
+        let mut rest = None;
         while let Some((at, next)) = self.head.next().filter(|(at, _)| *at < until) {
+            // What happens at one instant is told at once.
+            if report.outputs.len() >= report_max && at > self.head.handled {
+                rest = Some(at);
+                break;
+            }
             self.tell(at, next, report, |output| {
                 if matches!(output, Output::Character { .. } | Output::Cut { .. }) {
                     spoke.get_or_insert(at);
@@ -483,7 +520,7 @@ impl<B: Board> Stepper<B> {
         }
         match spoke {
             Some(at) if promised => Err(BrokenPromise { at }),
-            _ => Ok(()),
+            _ => Ok(rest),
         }
     }
 

@@ -408,12 +408,16 @@ impl Engine {
         }
     }
 
-    /// Grants that bring every board to `until`, mute or not. For the start, and for when the rig is
-    /// [quiet](Self::is_quiet).
+    /// Grants that bring every board towards `until`, mute or not: one that has much to tell needs several. For the
+    /// start, and for when the rig is [quiet](Self::is_quiet).
     pub fn catch_up(&mut self, until: Instant) -> Vec<(NodeId, Grant)> {
-        let behind = |node: &Node| node.life == Life::Runs && !node.awaited && node.horizon < until;
-        let behind: Vec<NodeId> = (0..self.nodes.len()).filter(|id| behind(&self.nodes[*id])).collect();
+        let behind: Vec<NodeId> = (0..self.nodes.len()).filter(|id| self.nodes[*id].is_behind(until)).collect();
         behind.into_iter().map(|id| (id, self.grant(id, until))).collect()
+    }
+
+    /// Whether a board that runs has not come to `until`.
+    pub fn is_behind(&self, until: Instant) -> bool {
+        self.nodes.iter().any(|node| node.is_behind(until))
     }
 
     fn grant(&mut self, id: NodeId, until: Instant) -> Grant {

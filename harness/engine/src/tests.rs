@@ -153,7 +153,8 @@ impl Ring {
         for (from, to) in self.ends() {
             engine.add_line(from, to);
         }
-        let mut steppers: Vec<Stepper<Chatterbox>> = self.boards.iter().cloned().map(Stepper::new).collect();
+        let stepper = |board| Stepper::new(board).with_report_max(3);
+        let mut steppers: Vec<Stepper<Chatterbox>> = self.boards.iter().cloned().map(stepper).collect();
         let mut give = |engine: &mut Engine, grants: Vec<(NodeId, Grant)>| {
             for (node, grant) in grants {
                 let report = steppers[node].grant(grant).unwrap();
@@ -228,12 +229,17 @@ impl Ring {
 
 /// Settles everything before `until`.
 fn bring_to(until: Instant, engine: &mut Engine, give: &mut impl FnMut(&mut Engine, Vec<(NodeId, Grant)>)) {
-    let mut grants = engine.catch_up(until);
-    while !grants.is_empty() {
-        give(engine, grants);
-        grants = engine.poll(Limit::until(until));
+    loop {
+        let mut grants = engine.catch_up(until);
+        while !grants.is_empty() {
+            give(engine, grants);
+            grants = engine.poll(Limit::until(until));
+        }
+        engine.poll(Limit::until(until));
+        if !engine.is_behind(until) {
+            break;
+        }
     }
-    engine.poll(Limit::until(until));
 }
 
 /// The facts of each board and the edges of each line before `until`: only their order is determined.

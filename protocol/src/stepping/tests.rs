@@ -94,6 +94,33 @@ fn a_silent_board_is_run_ahead_to_the_cap_and_a_mute_one_not_at_all() {
     assert_eq!((report.horizon, report.mute_since), (ms(30), Some(Instant::START)));
 }
 
+/// What comes of a mute board that catches up, in reports that are full with so many outputs.
+fn caught_up(report_max: usize) -> (Vec<Timed>, usize) {
+    let mut stepper = Stepper::new(Counter::new(true, false)).with_report_max(report_max);
+    let (mut told, mut reports) = (Vec::new(), 0);
+    let mut commit = Instant::START;
+    loop {
+        let report = stepper.grant(Grant { commit, until: ms(9_000), heard: vec![] }).unwrap();
+        assert!(report.outputs.len() <= report_max && report.mute_since == Some(Instant::START));
+        assert!(report.outputs.iter().all(|told| told.at < report.horizon));
+        assert!(stepper.checkpoints.len() <= 2, "{}", stepper.checkpoints.len());
+        (commit, reports) = (report.horizon, reports + 1);
+        told.extend(report.outputs);
+        if report.horizon >= ms(9_000) {
+            return (told, reports);
+        }
+    }
+}
+
+#[test]
+fn a_mute_board_tells_what_it_has_done_in_as_many_reports_as_it_takes() {
+    let (expected, one) = caught_up(usize::MAX);
+    assert_eq!((expected.len(), one), (299, 1));
+    for (report_max, reports) in [(300, 1), (100, 3), (7, 43), (1, 299)] {
+        assert_eq!(caught_up(report_max), (expected.clone(), reports));
+    }
+}
+
 #[test]
 fn what_is_heard_takes_back_what_was_told_from_its_effect_on() {
     let mut stepper = Stepper::new(Counter::new(false, false));
