@@ -89,6 +89,42 @@ fn what_is_done_to_a_live_rig_is_repeated_with_the_same_digest() {
 }
 
 #[test]
+fn a_rig_answers_and_ends_in_the_middle_of_a_long_step() {
+    for driver in [&["--pace", "max"][..], &["--pace", "max", "--in-process"]] {
+        let mut up = Up::start(driver);
+        let mut pc = up.pc();
+        // The spindle has much to tell of every second in which it turns.
+        pc.write(&[0x4b, 0xe1, 0, 0, 0, 0, 0, 0]);
+        pc.expect(&[ACK, XON]);
+        ctl(&up, &["pause"]);
+        let step = || {
+            let mut step = torno(&["ctl", "--socket", &control(&up), "step", "100000000 s"]);
+            step.stderr(Stdio::piped()).spawn().unwrap()
+        };
+        let now = || ctl(&up, &["state"])["ns"].as_u64().unwrap();
+        let (first, before) = (step(), now());
+        let mut reached = before;
+        for _ in 0..3 {
+            let last = reached;
+            wait_until("time goes on", || {
+                reached = now();
+                reached > last
+            });
+        }
+        let paused = ctl(&up, &["pause"])["ns"].as_u64().unwrap();
+        assert!(paused >= reached, "{paused} {reached}");
+        let first = first.wait_with_output().unwrap();
+        assert!(stderr(&first).contains("is ended by a pause at "), "{}", stderr(&first));
+        let again = step();
+        wait_until("time goes on", || now() > paused);
+        kill("-INT", up.pid());
+        assert!(up.child.wait().unwrap().success());
+        let again = again.wait_with_output().unwrap();
+        assert!(!again.status.success(), "{again:?}");
+    }
+}
+
+#[test]
 fn a_state_tells_who_waits_for_whom() {
     let up = Up::start(&["--pace", "20"]);
     let mut pc = up.pc();

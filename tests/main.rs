@@ -9,6 +9,7 @@
 mod common;
 
 mod anything;
+mod bounds;
 mod byhand;
 mod cli;
 mod compare;

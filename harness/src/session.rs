@@ -113,6 +113,17 @@ pub struct EndedBoard {
 }
 
 impl Happened {
+    /// All that has happened in two steps, of which this is the first.
+    fn followed_by(mut self, next: Self) -> Self {
+        self.facts.extend(next.facts);
+        self.inputs.extend(next.inputs);
+        self.incidents.extend(next.incidents);
+        self.hits.extend(next.hits);
+        self.begun.extend(next.begun);
+        self.outside.extend(next.outside);
+        Self { settled: next.settled, more: next.more, ..self }
+    }
+
     /// What the PC's gateway has sent and received.
     pub fn pc(&self) -> impl Iterator<Item = (Instant, &Exchange)> {
         self.outside.iter().filter(|(_, gateway, _)| *gateway == PC).map(|(at, _, exchange)| (*at, exchange))
@@ -260,13 +271,14 @@ impl Session {
         Ok(happened)
     }
 
-    /// Brings every board to `until`, however little it has to do. For when the rig is quiet.
+    /// Brings every board towards `until`, however little it has to do. For when the rig is quiet. There may be
+    /// [more](Happened::more).
     ///
     /// # Errors
     /// As for a [step](Self::step).
     pub async fn catch_up(&mut self, until: Instant) -> Result<Happened, SessionError> {
-        self.rig.catch_up(until).await?;
-        self.note(Instant::NEVER)
+        let more = self.rig.catch_up(until).await?;
+        Ok(Happened { more, ..self.note(Instant::NEVER)? })
     }
 
     /// Lets everything happen until the rig is quiet, and nothing at `limit` and later. Gives what has happened and,
@@ -323,15 +335,29 @@ impl Session {
     /// As for a [step](Self::step).
     pub async fn settle(&mut self, until: Instant, mut see: impl FnMut(Happened)) -> Result<(), SessionError> {
         loop {
-            self.advance(Limit::until(until), &mut see).await?;
-            self.rig.settle(until).await?;
-            let happened = self.note(Instant::NEVER)?;
-            let more = !happened.hits.is_empty();
+            let happened = self.settle_on(until).await?;
+            let more = happened.more;
             see(happened);
             if !more {
                 return Ok(());
             }
         }
+    }
+
+    /// Does the next part of [settling](Self::settle) everything before `until`: no more than the boards can tell in a
+    /// report each.
+    ///
+    /// # Errors
+    /// As for a [step](Self::step).
+    pub async fn settle_on(&mut self, until: Instant) -> Result<Happened, SessionError> {
+        let happened = self.step(Limit::until(until)).await?;
+        if happened.more {
+            return Ok(happened);
+        }
+        let behind = self.rig.settle(until).await?;
+        let mut next = self.note(Instant::NEVER)?;
+        next.more = behind || !next.hits.is_empty();
+        Ok(happened.followed_by(next))
     }
 
     /// Waits until time may go past `next`, or something becomes of a board's process. Cancel-safe.
@@ -371,8 +397,14 @@ impl Session {
             return Ok(until);
         }
         let until = engine.quiet_since().next();
-        see(self.catch_up(until).await?);
-        Ok(until)
+        loop {
+            let happened = self.catch_up(until).await?;
+            let more = happened.more;
+            see(happened);
+            if !more {
+                return Ok(until);
+            }
+        }
     }
 
     /// At a pace, boards that nothing reaches are asked so often for what they have to tell, so that it is recorded.

@@ -30,6 +30,8 @@ const WATCHED: Duration = Duration::from_millis(20);
 const AT_ONCE: Duration = Duration::from_millis(20);
 /// A rig in which something happens goes so far at once, in virtual time.
 const STRIDE: Span = Span::from_secs(1);
+/// So far, in virtual time, a rig goes at once even if nothing happens: what a motor has to tell of it takes milliseconds.
+const LEAP: Span = Span::from_secs(100);
 
 /// A rig with an open PC port.
 pub struct Live {
@@ -75,7 +77,7 @@ impl Live {
     pub async fn end(mut self) -> Result<Vec<String>, SessionError> {
         if self.session.is_recorded() {
             let until = self.now().max(self.session.rig().engine().frontier()).max(Instant::START.next());
-            self.session.settle(until, |_| ()).await?;
+            self.settle(until).await?;
             let unfired = self.session.unfired();
             self.session.close(until, "interrupted")?;
             return Ok(unfired);
@@ -101,6 +103,9 @@ impl Live {
         loop {
             let allowed = self.brake.limit();
             let limit = self.slice(allowed).earlier(self.session.faults().0.next());
+            // At full speed there is no limit where nothing happens: time stands still.
+            let leap = (!limit.until.is_never()).then(|| self.kept_up + LEAP);
+            let limit = limit.earlier(leap);
             let arrived = self.go(limit).await?;
             let frontier = self.rig().engine().frontier();
             // At full speed a silence may have held time back.
@@ -151,9 +156,15 @@ impl Live {
 
     /// Brings every board to `until`: everything before that has happened, and has been delivered.
     async fn settle(&mut self, until: Instant) -> Result<(), SessionError> {
-        let mut all = Vec::new();
-        self.session.settle(until, |happened| all.push(happened)).await?;
-        all.iter().try_for_each(|happened| self.deliver(happened))
+        loop {
+            let happened = self.session.settle_on(until).await?;
+            self.deliver(&happened)?;
+            if !happened.more {
+                return Ok(());
+            }
+            // Whatever may end this must have its turn, even if all boards are in this process.
+            tokio::task::yield_now().await;
+        }
     }
 
     /// Waits for something to do.

@@ -130,8 +130,13 @@ impl Live {
             }
             Request::Fault { fault } => {
                 // It may wait for what holds already.
-                let happened = self.session.catch_up(now).await?;
-                self.deliver(&happened)?;
+                loop {
+                    let happened = self.session.catch_up(now).await?;
+                    self.deliver(&happened)?;
+                    if !happened.more {
+                        break;
+                    }
+                }
                 give(answer, self.break_it(&fault, now));
             }
             Request::Heal { name } => give(answer, self.heal(&name, now)),

@@ -460,26 +460,30 @@ impl Rig {
         Ok(some || owed || news)
     }
 
-    /// Brings every board to `until`, however little it has to do. For when the rig is quiet.
+    /// Brings every board towards `until`, however little it has to do, by one report of each. For when the rig is
+    /// quiet. Says whether some board has more to tell.
     ///
     /// # Errors
     /// [`RigError`] if the rig cannot go on.
-    pub async fn catch_up(&mut self, until: Instant) -> Result<(), RigError> {
+    pub async fn catch_up(&mut self, until: Instant) -> Result<bool, RigError> {
         let grants = self.engine.catch_up(until);
         self.give(grants).await?;
-        self.advance(Limit { until, silence: Instant::START }).await
+        self.advance(Limit { until, silence: Instant::START }).await?;
+        Ok(self.engine.is_behind(until))
     }
 
-    /// Settles everything before `until`, and nothing of it and later: every board is brought there, whatever silence
-    /// it waits for. Boards that are stopped or gone stay where they are.
+    /// Settles what lies before `until`, and nothing of it and later: every board is brought towards it by one report,
+    /// whatever silence it waits for. Boards that are stopped or gone stay where they are. Says whether some board has
+    /// more to tell.
     ///
     /// # Errors
     /// [`RigError`] if the rig cannot go on.
-    pub async fn settle(&mut self, until: Instant) -> Result<(), RigError> {
+    pub async fn settle(&mut self, until: Instant) -> Result<bool, RigError> {
         self.advance(Limit::until(until)).await?;
         let grants = self.engine.catch_up(until);
         self.give(grants).await?;
-        self.advance(Limit::until(until)).await
+        self.advance(Limit::until(until)).await?;
+        Ok(self.engine.is_behind(until))
     }
 
     /// Waits for news of the processes. The next [step](Self::step) brings the rig up to its limit and then takes note

@@ -263,13 +263,15 @@ impl<'a> Conductor<'a> {
 
     /// Brings every board's quantities up to `at`, mute or not.
     async fn catch_up(&mut self, at: Instant) -> Result<(), SessionError> {
-        let mut all = Vec::new();
-        self.session.settle(at, |happened| all.push(happened)).await?;
-        for happened in all {
+        loop {
+            let happened = self.session.settle_on(at).await?;
+            let more = happened.more;
             let hits = self.take_note(happened);
             hits.into_iter().for_each(|hit| self.check_forbidden(hit));
+            if !more {
+                return Ok(());
+            }
         }
-        Ok(())
     }
 
     /// Takes note of what has happened. Gives what watches have seen.
