@@ -1,7 +1,8 @@
 //! Unix sockets that serve only the user who runs the rig.
 
+use std::fs::Metadata;
 use std::io;
-use std::os::unix::fs::FileTypeExt;
+use std::os::unix::fs::{FileTypeExt, MetadataExt};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -64,6 +65,8 @@ pub(crate) struct Purpose {
 #[derive(Debug)]
 pub(crate) struct OwnSocket {
     path: PathBuf,
+    /// The file that it is: another one may be there by the end.
+    file: (u64, u64),
     listener: UnixListener,
     purpose: Purpose,
 }
@@ -92,7 +95,8 @@ impl OwnSocket {
         }
         let socket = std::os::unix::net::UnixListener::from(bound(&path).map_err(refused)?);
         let listener = UnixListener::from_std(socket).map_err(refused)?;
-        Ok(Self { path, listener, purpose })
+        let file = std::fs::symlink_metadata(&path).map(|found| identity(&found)).map_err(refused)?;
+        Ok(Self { path, file, listener, purpose })
     }
 
     /// Where it is.
@@ -123,8 +127,15 @@ impl OwnSocket {
 impl Drop for OwnSocket {
     fn drop(&mut self) {
         // Nobody is left to tell if this fails; the next rig replaces a socket that nobody listens to.
-        std::fs::remove_file(&self.path).ok();
+        if std::fs::symlink_metadata(&self.path).is_ok_and(|found| identity(&found) == self.file) {
+            std::fs::remove_file(&self.path).ok();
+        }
     }
+}
+
+/// What tells a file from all others that are there at the same time.
+fn identity(file: &Metadata) -> (u64, u64) {
+    (file.dev(), file.ino())
 }
 
 /// A listening socket that has its mode before it has its name.
