@@ -9,7 +9,7 @@ use crate::play::Careful;
 use crate::rig::Driver;
 use crate::rig::file::{RigFile, RigFileError};
 use crate::session::{Session, SessionError};
-use torno_engine::{Disturbance, Input, InputKind, Limit, LineId, NodeId};
+use torno_engine::{Disturbance, Fact, Input, InputKind, Limit, LineId, NodeId};
 use torno_trace::{Header, Trace};
 
 /// What came of a session that was repeated.
@@ -20,6 +20,10 @@ pub struct Replayed {
     /// The digest of everything that happened.
     pub digest: String,
 }
+
+/// What happens again that was not recorded is kept up to so many facts and edges. A recording says itself when it ends,
+/// and may be wrong.
+const SURPLUS: usize = 200_000;
 
 /// Why a session cannot be repeated.
 #[derive(Debug, thiserror::Error)]
@@ -83,8 +87,9 @@ pub async fn replay(trace: &Trace, driver: &Driver) -> Result<Replayed, ReplayEr
     session.keep(header.clone());
     // Faults have other numbers here: watches are numbered with them.
     let mut faults = BTreeMap::new();
+    let mut room = SURPLUS + weight(&trace.facts);
     for (when, action) in actions(&trace.inputs) {
-        run(&mut session, when).await?;
+        run(&mut session, when, &mut room).await?;
         let rig = session.rig_mut();
         match action {
             Action::Stimulate(board, at, stimulus) => drop(rig.stimulate(board, at, stimulus)),
@@ -97,24 +102,50 @@ pub async fn replay(trace: &Trace, driver: &Driver) -> Result<Replayed, ReplayEr
                 }
             }
             Action::End(board) => {
-                session.settle(when, |_| ()).await?;
+                settle(&mut session, when, &mut room).await?;
                 session.rig_mut().end_board(board);
             }
         }
     }
     let until = trace.until();
-    run(&mut session, until).await?;
-    let ended = session.finish(until, "replayed", |_| ()).await?;
+    run(&mut session, until, &mut room).await?;
+    settle(&mut session, until, &mut room).await?;
+    let ended = session.close(until.max(Instant::START.next()), "replayed")?;
     let trace = ended.trace.map(|trace| Trace { end: None, ..trace });
     Ok(Replayed { digest: ended.end.digest, trace: trace.unwrap_or_else(|| Trace::new(header)) })
 }
 
-/// Lets everything happen before `until`. Others have their turn, even if all boards are in this process.
-async fn run(session: &mut Session, until: Instant) -> Result<(), SessionError> {
-    while session.step(Limit::until(until)).await?.more {
+/// Lets everything happen before `until`, as long as there is `room` for it. Others have their turn, even if all boards
+/// are in this process.
+async fn run(session: &mut Session, until: Instant, room: &mut usize) -> Result<(), SessionError> {
+    while *room > 0 {
+        let happened = session.step(Limit::until(until)).await?;
+        *room = room.saturating_sub(weight(&happened.facts));
+        if !happened.more {
+            break;
+        }
         tokio::task::yield_now().await;
     }
     Ok(())
+}
+
+/// Brings every board to `until`, in the same way.
+async fn settle(session: &mut Session, until: Instant, room: &mut usize) -> Result<(), SessionError> {
+    while *room > 0 {
+        let happened = session.settle_on(until).await?;
+        *room = room.saturating_sub(weight(&happened.facts));
+        if !happened.more {
+            break;
+        }
+        tokio::task::yield_now().await;
+    }
+    Ok(())
+}
+
+/// How much there is of these facts, however the edges of a line are put together.
+fn weight(facts: &[Fact]) -> usize {
+    let one = |fact: &Fact| if let Fact::Edges { edges, .. } = fact { edges.len() } else { 1 };
+    facts.iter().map(one).sum()
 }
 
 /// What is to be done, and how far the rig is to have come by then: no further than when the input came, nor than from
