@@ -5,6 +5,7 @@
 //! clock, [`play`] plays a program, [`live`] keeps a rig up for other programs at the [`port`], [`replay`] repeats a
 //! recording. [`identify`] characterises the motors of a rig, and tunes their controllers.
 
+mod backlog;
 mod channel;
 pub mod condition;
 pub mod control;

@@ -1,70 +1,27 @@
 //! What is told to somebody who watches, from when it is told until it is read.
 
-use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use bytes::BytesMut;
 use serde_json::json;
 use tokio::sync::Notify;
 
-/// So many bytes wait for a reader. (Ours: some 150 000 rows; whoever is further behind does not keep up.)
-const ROOM: usize = 16 << 20;
-/// So many bytes are handed out at once, and one row more.
+use crate::backlog::Backlog;
+
+/// So many bytes wait for a reader. (Ours: some 40 000 rows; whoever is further behind does not keep up.)
+const ROOM: usize = 4 << 20;
+/// So many bytes are handed out at once, or one row that is longer.
 const HELPING: usize = 64 << 10;
 
-/// Rows that wait, and how many have been lost between them.
-#[derive(Debug, Default)]
-struct Backlog {
-    waiting: VecDeque<Waiting>,
-    bytes: usize,
-    /// Nobody reads any more.
-    closed: bool,
-}
-
 #[derive(Debug)]
-enum Waiting {
-    Row(String),
-    Lost(u64),
-}
-
-impl Backlog {
-    fn push(&mut self, row: String, room: usize) {
-        if self.bytes + row.len() <= room {
-            self.bytes += row.len();
-            self.waiting.push_back(Waiting::Row(row));
-        } else if let Some(Waiting::Lost(lost)) = self.waiting.back_mut() {
-            *lost += 1;
-        } else {
-            self.waiting.push_back(Waiting::Lost(1));
-        }
-    }
-
-    /// The next lines; none, if nothing waits.
-    fn take(&mut self) -> Option<String> {
-        let mut lines = String::new();
-        while lines.len() < HELPING
-            && let Some(next) = self.waiting.pop_front()
-        {
-            match next {
-                Waiting::Row(row) => {
-                    self.bytes -= row.len();
-                    lines += &row;
-                }
-                Waiting::Lost(lost) => lines += &json!({ "lost": lost }).to_string(),
-            }
-            lines.push('\n');
-        }
-        (!lines.is_empty()).then_some(lines)
-    }
-}
-
-#[derive(Debug, Default)]
 struct Shared {
-    backlog: Mutex<Backlog>,
+    /// None, if nobody reads any more.
+    backlog: Mutex<Option<Backlog>>,
     news: Notify,
 }
 
 impl Shared {
-    fn backlog(&self) -> MutexGuard<'_, Backlog> {
+    fn backlog(&self) -> MutexGuard<'_, Option<Backlog>> {
         self.backlog.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -79,28 +36,31 @@ pub(super) struct ToTell(Arc<Shared>);
 
 /// A way for rows.
 pub(super) fn backlog() -> (Rows, ToTell) {
-    let shared = Arc::new(Shared::default());
+    let backlog = Backlog::new(ROOM, |lost| format!("{}\n", json!({ "lost": lost })));
+    let shared = Arc::new(Shared { backlog: Mutex::new(Some(backlog)), news: Notify::new() });
     (Rows(Arc::clone(&shared)), ToTell(shared))
 }
 
 impl Rows {
     /// Tells a row, without the end of its line.
     pub fn tell(&self, row: String) {
-        self.0.backlog().push(row, ROOM);
+        if let Some(backlog) = &mut *self.0.backlog() {
+            backlog.push((row + "\n").as_bytes());
+        }
         self.0.news.notify_one();
     }
 
     /// Whether nobody reads them any more.
     pub fn is_closed(&self) -> bool {
-        self.0.backlog().closed
+        self.0.backlog().is_none()
     }
 }
 
 impl ToTell {
     /// Waits for the next lines. `{"lost": n}` stands where `n` rows would. Cancel-safe.
-    pub(super) async fn next(&mut self) -> String {
+    pub(super) async fn next(&mut self) -> BytesMut {
         loop {
-            let lines = self.0.backlog().take();
+            let lines = self.0.backlog().as_mut().and_then(|backlog| backlog.take(HELPING));
             match lines {
                 Some(lines) => return lines,
                 None => self.0.news.notified().await,
@@ -111,33 +71,13 @@ impl ToTell {
 
 impl Drop for ToTell {
     fn drop(&mut self) {
-        *self.0.backlog() = Backlog { closed: true, ..Backlog::default() };
+        *self.0.backlog() = None;
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn what_has_no_room_is_counted_where_it_would_have_been() {
-        let mut backlog = Backlog::default();
-        ["aa", "bb", "cc", "dd"].into_iter().for_each(|row| backlog.push(row.to_owned(), 5));
-        assert_eq!(backlog.take().as_deref(), Some("aa\nbb\n{\"lost\":2}\n"));
-        backlog.push("ee".to_owned(), 5);
-        assert_eq!(backlog.take().as_deref(), Some("ee\n"));
-        assert_eq!((backlog.take(), backlog.bytes), (None, 0));
-    }
-
-    #[test]
-    fn a_helping_has_an_end() {
-        let mut backlog = Backlog::default();
-        (0..3).for_each(|_| backlog.push("x".repeat(HELPING - 1), ROOM));
-        assert_eq!(
-            (0..4).map(|_| backlog.take().map_or(0, |lines| lines.len())).collect::<Vec<_>>(),
-            [HELPING, HELPING, HELPING, 0]
-        );
-    }
 
     #[tokio::test]
     async fn rows_come_in_order_until_nobody_reads_them() {
@@ -148,5 +88,20 @@ mod tests {
         assert!(!rows.is_closed());
         drop(to_tell);
         assert!(rows.is_closed());
+    }
+
+    #[tokio::test]
+    async fn a_reader_who_does_not_read_costs_no_more_than_the_room() {
+        let (rows, mut to_tell) = backlog();
+        let row = "x".repeat(99);
+        (0..ROOM / 100 + 5).for_each(|_| rows.tell(row.clone()));
+        let (mut bytes, mut last) = (0, BytesMut::new());
+        while bytes < ROOM / 100 * 100 {
+            last = to_tell.next().await;
+            bytes += last.len();
+            assert!(last.len() <= HELPING);
+        }
+        assert_eq!((bytes, last.ends_with(b"x\n")), (ROOM / 100 * 100, true));
+        assert_eq!(to_tell.next().await, "{\"lost\":5}\n");
     }
 }

@@ -119,16 +119,16 @@ async fn serve(stream: UnixStream, calls: mpsc::Sender<Call>) -> io::Result<()> 
         let line = tokio::select! {
             line = poll_fn(|context| lines.as_mut().poll_next(context)) => line,
             rows = to_tell.next() => {
-                writing.write_all(rows.as_bytes()).await?;
+                writing.write_all(&rows).await?;
                 continue;
             }
         };
         let Some(line) = line.transpose()? else { return Ok(()) };
-        if line.as_ref().is_ok_and(|line| line.trim().is_empty()) {
-            continue;
-        }
         let refused = |why: String| json!({ "error": why }).to_string();
         let request = line.map_err(|bad| bad.to_string()).and_then(|line| {
+            if line.trim().is_empty() {
+                return Err("expected a request, found an empty line".to_owned());
+            }
             serde_json::from_str::<Request>(&line).map_err(|error| format!("expected a request: {error}"))
         });
         let answer = match request {
@@ -143,7 +143,7 @@ async fn serve(stream: UnixStream, calls: mpsc::Sender<Call>) -> io::Result<()> 
                     tokio::select! {
                         biased;
                         // What has happened before the answer comes before it; a watch begins with its answer.
-                        rows = to_tell.next(), if !watches => writing.write_all(rows.as_bytes()).await?,
+                        rows = to_tell.next(), if !watches => writing.write_all(&rows).await?,
                         answered = &mut answered => break answered,
                     }
                 };

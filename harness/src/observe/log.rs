@@ -26,6 +26,7 @@ use tracing_subscriber::layer::{Context, Filter, SubscriberExt};
 use tracing_subscriber::registry::LookupSpan;
 use tracing_subscriber::util::SubscriberInitExt;
 
+use super::stderr;
 use crate::rig::{Incident, Rig};
 use torno_engine::Fact;
 
@@ -46,14 +47,19 @@ pub enum Form {
     Json,
 }
 
-/// Starts logging to standard error. `RUST_LOG` says what; without it, `default` does.
+/// Starts logging to standard error, which never holds anything up. `RUST_LOG` says what is logged; without it, `default`
+/// does.
 pub fn init(default: &str, form: Form) {
     let wanted = std::env::var("RUST_LOG").unwrap_or_default();
     let wanted = if wanted.trim().is_empty() { default } else { &wanted };
     let wanted = Wanted(wanted.parse().or_else(|_| default.parse()).unwrap_or_default());
     // A second call, in a test, changes nothing.
     let ansi = AutoStream::choice(&std::io::stderr()) != ColorChoice::Never;
-    subscriber(wanted, form, ansi, std::io::stderr).try_init().ok();
+    let lines = stderr::for_log(match form {
+        Form::Text => |lost| dropped(lost).text(),
+        Form::Json => |lost| dropped(lost).json(),
+    });
+    subscriber(wanted, form, ansi, move || lines.clone()).try_init().ok();
 }
 
 fn subscriber<W>(wanted: Wanted, form: Form, ansi: bool, to: W) -> impl Subscriber + Send + Sync
@@ -201,6 +207,19 @@ impl Said {
     }
 }
 
+impl Said {
+    /// As a line of text without colours.
+    fn text(&self) -> String {
+        let time = Instant::from_nanos(self.ns).to_string();
+        format!("{time:>14} {:>5} {}\n", self.level, self.message)
+    }
+
+    /// As a line of JSON.
+    fn json(&self) -> String {
+        serde_json::to_string(self).unwrap_or_default() + "\n"
+    }
+}
+
 impl Visit for Said {
     fn record_debug(&mut self, field: &Field, value: &dyn fmt::Debug) {
         self.record_str(field, &format!("{value:?}"));
@@ -236,6 +255,12 @@ impl Visit for Said {
     fn record_bool(&mut self, field: &Field, value: bool) {
         self.others.insert(field.name(), value.into());
     }
+}
+
+/// That so many lines have been dropped.
+fn dropped(lines: u64) -> Said {
+    let message = format!("{lines} lines dropped: nobody reads standard error");
+    Said { ns: NOW.load(Ordering::Relaxed), level: Level::WARN.as_str(), message, ..Said::default() }
 }
 
 struct Text;

@@ -3,6 +3,7 @@
 
 mod ledger;
 pub mod log;
+pub mod stderr;
 mod telemetry;
 
 pub use ledger::{Account, Axis, Ledger, Spread};
