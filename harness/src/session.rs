@@ -24,6 +24,8 @@ use crate::rig::{Driver, Incident, Rig, RigError};
 
 /// The place of the PC's gateway in the rig file.
 pub const PC: usize = 0;
+/// The word for how something ended that Ctrl-C or a signal has ended.
+pub const INTERRUPTED: &str = "interrupted";
 /// So many of the PC's replies are remembered for the faults that wait for one.
 const REPLIES: usize = 16;
 

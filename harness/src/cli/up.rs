@@ -5,17 +5,20 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use serde::Serialize;
+use serde_json::json;
 use torno::control::{Control, socket_beside};
 use torno::fault::{self, FaultFile};
-use torno::live::Live;
+use torno::live::{Left, Live};
 use torno::pace::Pace;
 use torno::port::{LinkPath, PcPort};
+use torno::rig::ProcessChange;
 use torno::rig::file::{DEFAULT, RigFile};
 use torno::scenario::seed_text;
+use torno::session::INTERRUPTED as ENDED;
 use tracing::Instrument;
 
 use super::options::Placement;
-use super::{Interrupt, load_rig, print, rig_span, start_recording, wait_for_boards};
+use super::{FAILED, INTERRUPTED, Interrupt, load_rig, print, rig_span, start_recording, wait_for_boards};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -46,7 +49,8 @@ pub(super) struct Arguments {
     /// Where to put the socket that 'torno ctl' steers it by [default: beside the link, RIG-control]
     #[arg(long, value_name = "PATH")]
     control: Option<PathBuf>,
-    /// Prints where everything is as one line of JSON, when the rig is ready; before it, one for --await
+    /// Prints where everything is as one line of JSON, when the rig is ready; before it, one for --await; at the end,
+    /// one that says how it was
     #[arg(long)]
     json: bool,
 }
@@ -119,14 +123,32 @@ impl Arguments {
             () = interrupt.received() => {}
         }
         tokio::select! {
-            unfired = live.end() => for name in unfired? {
-                tracing::warn!("the fault '{name}' has not fired");
-            },
+            left = live.end() => {
+                let left = left?;
+                for name in &left.unfired {
+                    tracing::warn!("the fault '{name}' has not fired");
+                }
+                let died = left.incidents.iter().any(|incident| matches!(incident.what, ProcessChange::Died(_)));
+                print(&farewell(&left, self.json))?;
+                Ok(if died { ExitCode::from(FAILED) } else { ExitCode::SUCCESS })
+            }
             // Who cannot wait for a board that does not answer has a trace without an end.
-            () = interrupt.received() => {}
+            () = interrupt.received() => Ok(ExitCode::from(INTERRUPTED)),
         }
-        Ok(ExitCode::SUCCESS)
     }
+}
+
+/// What is told at the end.
+fn farewell(left: &Left, json: bool) -> String {
+    let incidents: Vec<String> = left.incidents.iter().map(|incident| format!("{}: {incident}", incident.at)).collect();
+    let virtual_s = left.end.as_secs_f64();
+    if json {
+        let unfired = &left.unfired;
+        let told = json!({"outcome": ENDED, "virtual_s": virtual_s, "incidents": incidents, "unfired": unfired});
+        return format!("{told}\n");
+    }
+    let incidents: String = incidents.iter().map(|incident| format!("{incident}\n")).collect();
+    format!("{incidents}{:<9}{virtual_s:.3} s virtual\n{:<9}{ENDED}\n", "time", "outcome")
 }
 
 fn announcement(file: &RigFile, live: &Live, control: &Path, pace: Pace, json: bool) -> anyhow::Result<String> {

@@ -15,8 +15,8 @@ use crate::pace::{Brake, Lapse, Pace};
 use crate::port::{PcPort, PortEvent};
 use crate::recorder::{RECORDED, Recorder, RecordingError};
 use crate::rig::file::RigFile;
-use crate::rig::{Driver, Rig};
-use crate::session::{Happened, Session, SessionError};
+use crate::rig::{Driver, Incident, Rig};
+use crate::session::{Happened, INTERRUPTED, Session, SessionError};
 use gateway::Gateway;
 use steering::{Steering, next_call};
 use torno_engine::Limit;
@@ -43,6 +43,21 @@ pub struct Live {
     /// Every board was brought to here last.
     kept_up: Instant,
     steering: Option<Steering>,
+    /// Since somebody could have asked for something.
+    asked: Lapse,
+    /// What has become of boards' processes.
+    incidents: Vec<Incident>,
+}
+
+/// How a session has ended.
+#[derive(Debug)]
+pub struct Left {
+    /// How far time had gone.
+    pub end: Instant,
+    /// What has become of boards' processes.
+    pub incidents: Vec<Incident>,
+    /// The faults that have broken nothing.
+    pub unfired: Vec<String>,
 }
 
 impl Live {
@@ -61,6 +76,8 @@ impl Live {
             reached: Instant::START,
             kept_up: Instant::START,
             steering: None,
+            asked: Lapse::begin(AT_ONCE),
+            incidents: Vec::new(),
         })
     }
 
@@ -70,19 +87,20 @@ impl Live {
     }
 
     /// Ends it, and the recording, if there is one: every board is brought to one instant, so that what is recorded is
-    /// all that happened before it. Gives the faults that have broken nothing.
+    /// all that happened before it.
     ///
     /// # Errors
     /// [`SessionError`] if the rig breaks over it, or the recording cannot be written.
-    pub async fn end(mut self) -> Result<Vec<String>, SessionError> {
+    pub async fn end(mut self) -> Result<Left, SessionError> {
+        let end = self.now().max(self.session.rig().engine().frontier()).max(Instant::START.next());
         if self.session.is_recorded() {
-            let until = self.now().max(self.session.rig().engine().frontier()).max(Instant::START.next());
-            self.settle(until).await?;
-            let unfired = self.session.unfired();
-            self.session.close(until, "interrupted")?;
-            return Ok(unfired);
+            self.settle(end).await?;
         }
-        Ok(self.session.unfired())
+        let left = Left { end, unfired: self.session.unfired(), incidents: self.incidents };
+        if self.session.is_recorded() {
+            self.session.close(end, INTERRUPTED)?;
+        }
+        Ok(left)
     }
 
     /// The rig.
@@ -123,11 +141,12 @@ impl Live {
                 self.arrive();
                 self.hold_for_silence();
             }
-            let took = self.take_waiting()? | self.obey_all().await?;
+            let took = self.take_waiting()? | self.obey_due(limit == allowed).await?;
             if arrived && !took && (limit == allowed || !went) {
                 // Where there is nothing to wait for, others must have their turn all the same.
                 tokio::task::yield_now().await;
                 self.wait().await?;
+                self.asked = Lapse::begin(AT_ONCE);
             } else {
                 self.check_pace(self.reached);
                 self.write_recording(Duration::ZERO)?;
@@ -182,7 +201,7 @@ impl Live {
                 let now = self.brake.now().unwrap_or(self.now());
                 self.gateways[place].take(event?, now, &mut self.session)?;
             }
-            call = next_call(&mut self.steering) => self.obey(call).await?,
+            call = next_call(&mut self.steering) => self.put_off(call),
         }
         Ok(())
     }
@@ -275,6 +294,7 @@ impl Live {
     /// Tells those who watch what has happened, and hands clients what has come for them.
     fn deliver(&mut self, happened: &Happened) -> Result<(), SessionError> {
         let now = self.now();
+        self.incidents.extend(happened.incidents.iter().cloned());
         if let Some(steering) = &mut self.steering {
             steering.note(&happened.inputs, &happened.facts);
         }

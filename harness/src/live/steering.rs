@@ -1,5 +1,7 @@
 //! A live rig at its control socket: does what it is asked, and tells what happens to those who watch.
 
+use std::time::Duration;
+
 use serde::Serialize;
 use torno_protocol::board::Stimulus;
 use torno_protocol::time::Instant;
@@ -16,6 +18,9 @@ use torno_trace::Header;
 use torno_trace::analyser::Analyser;
 use torno_trace::rows::{Filter, Row, Wanted};
 
+/// So many may watch at once. (Ours: each costs a few megabytes while it does not read.)
+const WATCHERS_MAX: usize = 16;
+
 /// What a rig needs to be steered from outside.
 pub(super) struct Steering {
     pub(super) control: Control,
@@ -28,6 +33,8 @@ pub(super) struct Steering {
     stepping: Option<(Instant, Answer)>,
     /// So many faults have been asked for.
     asked: u64,
+    /// A request that has come and is not seen to yet.
+    put_off: Option<Call>,
 }
 
 /// Somebody who watches.
@@ -42,7 +49,16 @@ type Refused = String;
 
 impl Steering {
     pub(super) fn new(control: Control, header: Header, names: Names) -> Self {
-        Self { control, header, names, watchers: Vec::new(), tuned: Vec::new(), stepping: None, asked: 0 }
+        Self {
+            control,
+            header,
+            names,
+            watchers: Vec::new(),
+            tuned: Vec::new(),
+            stepping: None,
+            asked: 0,
+            put_off: None,
+        }
     }
 
     /// Takes note of what came from outside and of what happened.
@@ -57,6 +73,11 @@ impl Steering {
             }
         }
         self.watchers.iter_mut().for_each(|watcher| watcher.analyser.note(inputs, facts));
+    }
+
+    /// The next thing that has been asked.
+    fn next_call(&mut self) -> Option<Call> {
+        self.put_off.take().or_else(|| self.control.try_call())
     }
 
     /// Whether anybody watches.
@@ -85,6 +106,10 @@ impl Steering {
     }
 
     fn watch(&mut self, wanted: &Wanted, form: Form, rows: Rows) -> Result<(), Refused> {
+        self.watchers.retain(|watcher| !watcher.rows.is_closed());
+        if self.watchers.len() >= WATCHERS_MAX {
+            return Err(format!("{WATCHERS_MAX} watch already: expected no more"));
+        }
         let filter = Filter::new(&self.header, wanted).map_err(|error| error.to_string())?;
         let mut analyser = Analyser::new(&self.header, filter, torno_machines::dialect);
         analyser.note(&self.tuned, &[]);
@@ -266,10 +291,23 @@ impl Live {
         self.steering = Some(Steering::new(control, header, names));
     }
 
-    /// Does all that has been asked meanwhile. Says whether anything was.
-    pub(super) async fn obey_all(&mut self) -> Result<bool, SessionError> {
+    /// A request has come: it is seen to when time has come to where it is now.
+    pub(super) fn put_off(&mut self, call: Call) {
+        if let Some(steering) = &mut self.steering {
+            steering.put_off = Some(call);
+        }
+    }
+
+    /// Does all that has been asked meanwhile. What is asked is of the instant at which it is asked: at a pace, time must
+    /// be `up_to_date`, that is where the wall clock is, unless that takes longer than somebody can be kept waiting.
+    /// Says whether anything was done.
+    pub(super) async fn obey_due(&mut self, up_to_date: bool) -> Result<bool, SessionError> {
+        let held_back = self.brake.paused().is_none() && self.brake.pace() != Pace::Max;
+        if held_back && !up_to_date && !self.asked.is_over(Duration::ZERO) {
+            return Ok(false);
+        }
         let mut obeyed = false;
-        while let Some(call) = self.steering.as_mut().and_then(|steering| steering.control.try_call()) {
+        while let Some(call) = self.steering.as_mut().and_then(Steering::next_call) {
             self.obey(call).await?;
             obeyed = true;
         }
