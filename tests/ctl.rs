@@ -1,11 +1,14 @@
 //! A rig that is up, steered and broken from outside, while a client is at its port.
 
+#![allow(clippy::disallowed_methods, reason = "a pace is measured by the wall clock")]
+
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
 
 use crate::common::{ACK, AT_REST, CAN, LONG, PATIENCE, SHORT, Up, XON, folder, kill, output, torno, wait_until};
 use serde_json::Value;
@@ -122,6 +125,69 @@ fn a_rig_answers_and_ends_in_the_middle_of_a_long_step() {
         let again = again.wait_with_output().unwrap();
         assert!(!again.status.success(), "{again:?}");
     }
+}
+
+#[test]
+fn what_is_asked_is_of_the_instant_at_which_it_is_asked() {
+    // Nothing happens in this rig, so nothing but the question makes it look at the clock.
+    let up = Up::start(&["--pace", "20"]);
+    let asked = |request: &[&str]| {
+        let begun = Instant::now();
+        let ns = ctl(&up, request)["ns"].as_u64().unwrap();
+        (begun, ns, Instant::now())
+    };
+    let (_, first, answered) = asked(&["state"]);
+    std::thread::sleep(Duration::from_millis(150));
+    let (begun, second, _) = asked(&["state"]);
+    let wall_ns = |span: Duration| u64::try_from(span.as_nanos()).unwrap();
+    assert!(second - first >= 20 * wall_ns(begun - answered) / 10 * 9, "{first} {second}");
+    std::thread::sleep(Duration::from_millis(150));
+    let (_, paused, _) = asked(&["pause"]);
+    assert!(paused >= second + 2_000_000_000, "{second} {paused}");
+    let pace = asked(&["resume"]).1;
+    assert_eq!(pace, paused);
+    end(up);
+}
+
+#[test]
+fn an_empty_request_has_an_answer() {
+    let up = Up::start(&[]);
+    let mut socket = UnixStream::connect(control(&up)).unwrap();
+    socket.write_all(b"\n  \r\n{\"do\":\"pause\"}\n").unwrap();
+    let mut lines = BufReader::new(socket).lines().map(|line| serde_json::from_str::<Value>(&line.unwrap()).unwrap());
+    for _ in 0..2 {
+        assert_eq!(lines.next().unwrap()["error"], "expected a request, found an empty line");
+    }
+    assert!(lines.next().unwrap()["ok"]["ns"].is_u64());
+    end(up);
+}
+
+#[test]
+fn no_more_than_sixteen_watch_at_once() {
+    let up = Up::start(&["--pace", "max"]);
+    let watch = || {
+        let mut socket = UnixStream::connect(control(&up)).unwrap();
+        socket.write_all(b"{\"do\":\"watch\"}\n").unwrap();
+        let mut answer = String::new();
+        BufReader::new(socket.try_clone().unwrap()).read_line(&mut answer).unwrap();
+        (socket, serde_json::from_str::<Value>(&answer).unwrap())
+    };
+    let mut watching: Vec<_> = (0..16).map(|_| watch()).collect();
+    assert!(watching.iter().all(|(_, answer)| answer["ok"]["ns"].is_u64()), "{watching:?}");
+    assert_eq!(watch().1["error"], "16 watch already: expected no more");
+    watching.pop();
+    wait_until("another may watch", || watch().1["ok"]["ns"].is_u64());
+    end(up);
+}
+
+#[test]
+fn a_socket_that_is_another_s_by_now_is_left_there() {
+    let up = Up::start(&[]);
+    let path = control(&up);
+    fs::remove_file(&path).unwrap();
+    let _other = UnixListener::bind(&path).unwrap();
+    end(up);
+    assert!(UnixStream::connect(&path).is_ok());
 }
 
 #[test]

@@ -20,6 +20,7 @@ mod faults;
 mod foreign;
 mod identify;
 mod imports;
+mod interrupt;
 mod log;
 mod machine;
 mod part;

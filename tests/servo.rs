@@ -464,7 +464,7 @@ fn a_run_that_is_stopped_ends_at_once() {
         let mut controller = Controller::connect(line).await.unwrap();
         controller.download(&[4; 400], |_, _| {}).await.unwrap();
         let ended = controller.run(400, |sample| sample.tick < 100).await.unwrap();
-        assert_eq!(ended, Ended::Stopped);
+        assert_eq!(ended, Ended::Interrupted);
         // It is at rest and answers again.
         controller.check_link().await.unwrap();
     });

@@ -286,7 +286,7 @@ fn ctrl_c_in_mid_run_stops_the_carriage_and_releases_the_port() {
     running.signal("-INT");
     let (code, out, error) = running.end();
     let report: serde_json::Value = serde_json::from_str(&out).unwrap();
-    assert_eq!((code, report["outcome"].as_str()), (Some(130), Some("stopped")), "{error}");
+    assert_eq!((code, report["outcome"].as_str()), (Some(130), Some("interrupted")), "{error}");
     up.wait_for_log("run stopped after");
     assert!(is_free(port));
     let (code, out, _) = told(&servo(&["link", "--port", port]));

@@ -17,7 +17,7 @@ use crate::pace::Pace;
 use crate::recorder::Recorder;
 use crate::rig::file::RigFile;
 use crate::rig::{Cost, Driver, Incident, Rig};
-use crate::session::{self, EndedBoard, Exchange, Happened, Session, SessionError};
+use crate::session::{self, EndedBoard, Exchange, Happened, INTERRUPTED, Session, SessionError};
 
 /// The PC starts to send so long after the rig has started, or later where characters are long: a decoder wants to see
 /// an idle line first.
@@ -62,6 +62,16 @@ pub enum Ended {
     OutOfPatience,
     /// It was to end.
     Interrupted,
+}
+
+impl Ended {
+    /// The word for how a play ended that came to `outcome`.
+    const fn of(self, outcome: Outcome) -> &'static str {
+        match self {
+            Self::Interrupted => INTERRUPTED,
+            Self::Over | Self::OutOfPatience => outcome.name(),
+        }
+    }
 }
 
 /// A program that sends no more once a board has failed: with a frame missing, the rest would turn another part.
@@ -119,12 +129,17 @@ pub struct Played {
 }
 
 impl Played {
+    /// The word for how it ended.
+    pub const fn outcome(&self) -> &'static str {
+        self.ended.of(self.outcome)
+    }
+
     /// In words, why it ended before the rig was quiet; nothing, if it did not.
     pub fn cut_short(&self) -> Option<String> {
         let why = match self.ended {
             Ended::Over => return None,
             Ended::OutOfPatience => "given up: no frame has been accepted for long",
-            Ended::Interrupted => "interrupted",
+            Ended::Interrupted => INTERRUPTED,
         };
         let waits = self.boards.iter().filter(|board| !board.waits_for.is_empty());
         let waits = waits.map(|board| format!("{} waits for {}", board.name, board.waits_for.join(", ")));
@@ -270,7 +285,7 @@ impl Play {
         progress(player.progress());
         let unfired = session.unfired();
         let outcome = player.conversation.outcome(player.frames);
-        let session::Ended { end, boards, trace, rig } = session.close(until, outcome.name())?;
+        let session::Ended { end, boards, trace, rig } = session.close(until, ended.of(outcome))?;
         Ok(Played {
             outcome,
             ended,

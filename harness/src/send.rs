@@ -76,12 +76,17 @@ impl Send {
     /// Sends the program. A frame is sent when the one before it has been acknowledged: the master can hold one while
     /// the machine works. After a failure nothing more is sent: with a frame missing, the rest would turn another part.
     ///
+    /// What is said goes into `conversation`, so that it is known where this is given up.
+    ///
     /// # Errors
     /// [`SendError`] if the port cannot be opened or fails.
-    pub async fn run(&self, mut heard: impl FnMut(&Tally, Reply)) -> Result<(Tally, Outcome), SendError> {
+    pub async fn run(
+        &self,
+        conversation: &mut Tally,
+        mut heard: impl FnMut(&Tally, Reply),
+    ) -> Result<Outcome, SendError> {
         let mut port = open_port(&self.port, self.baud)?;
         let failed = |source| SendError::Port { port: self.port.clone(), source };
-        let mut conversation = Tally::default();
         let mut decoder = ReplyDecoder::default();
         let mut frames = self.program.frames.iter();
         loop {
@@ -95,14 +100,13 @@ impl Send {
             if conversation.is_over() && (frames.len() == 0 || !conversation.failures.is_empty()) {
                 break;
             }
-            let Some(bytes) = self.listen(&mut port, &conversation).await.map_err(failed)? else { break };
+            let Some(bytes) = self.listen(&mut port, conversation).await.map_err(failed)? else { break };
             for reply in bytes.into_iter().flat_map(|byte| decoder.push(byte)) {
                 conversation.reply(reply);
-                heard(&conversation, reply);
+                heard(conversation, reply);
             }
         }
-        let outcome = conversation.outcome(self.program.frames.len());
-        Ok((conversation, outcome))
+        Ok(conversation.outcome(self.program.frames.len()))
     }
 
     /// The next bytes; `None` if a frame has gone without an answer for too long.

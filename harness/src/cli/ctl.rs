@@ -10,6 +10,7 @@ use anyhow::{Context, bail};
 use serde_json::Value;
 use torno::control::{Begun, Done, Form, Request, State};
 use torno::fault::{BOARD_KINDS, LINE_KINDS};
+use torno::observe::stderr::say;
 use torno::port::default_folder;
 use torno::rig::file::DEFAULT;
 use torno_protocol::time::Instant;
@@ -199,7 +200,7 @@ impl Arguments {
         }
         let mut answer: Value = serde_json::from_str(&line).context("the rig does not answer in our words")?;
         if let Some(error) = answer.get("error").and_then(Value::as_str) {
-            eprintln!("torno: {error}");
+            say(&format!("torno: {error}\n"));
             return Ok(ExitCode::from(USAGE));
         }
         let watches = matches!(self.command, Command::Watch(_));

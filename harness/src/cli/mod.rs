@@ -22,6 +22,7 @@ mod up;
 use std::fs::File;
 use std::future::poll_fn;
 use std::io::{self, BufReader};
+use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::task::Poll;
@@ -29,8 +30,10 @@ use std::time::Instant;
 
 use anyhow::Context;
 use clap::{Parser, Subcommand};
+use rustix::process::Signal as Signals;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use torno::observe::log;
+use torno::observe::stderr::{self, say};
 use torno::play::DEMONSTRATION;
 use torno::recorder::Recorder;
 use torno::rig::file::{DEFAULT, RigFile};
@@ -41,6 +44,9 @@ use torno_trace::{Damage, Header, Trace};
 use exit::{FAILED, INTERRUPTED, USAGE};
 use join::wait_for_boards;
 use output::{OutputFile, colour, draw, is_output, print, print_beside, print_result, print_text, write_file};
+
+/// A command needs room for so many open files before it does anything.
+const FILES: usize = 8;
 
 /// What a bare `torno` says.
 const INTRODUCTION: &str = "\
@@ -56,7 +62,8 @@ From a checkout, write 'cargo run -- run' for 'torno run'.
 #[command(name = "torno", version, max_term_width = 100)]
 #[command(
     after_help = "Exit status: 0 as expected, 1 a check failed, 2 wrong usage or broken input, 3 the rig broke or\n\
-    cannot be recorded, 130 interrupted.\n\
+    cannot be recorded, 130 interrupted by Ctrl-C or a signal. 'up', which has no other end, then ends with 0,\n\
+    or 1 if a board had died.\n\
     RUST_LOG sets what is logged on standard error, e.g. RUST_LOG=info, or of one board RUST_LOG=warn,depth=info."
 )]
 struct Arguments {
@@ -112,16 +119,24 @@ impl Command {
 
 /// Runs the command line.
 pub(crate) fn main(started: Instant) -> ExitCode {
+    let code = run(started);
+    stderr::flush();
+    code
+}
+
+fn run(started: Instant) -> ExitCode {
     let Arguments { command, log } = Arguments::parse();
     let Some(command) = command else {
         return print(INTRODUCTION).map_or_else(|error| complain(&error), |()| ExitCode::SUCCESS);
     };
     log::init(command.logs(), log);
-    let runtime = match tokio::runtime::Builder::new_current_thread().enable_all().build() {
+    let runtime = match runtime() {
         Ok(runtime) => runtime,
-        Err(error) => return complain(&error.into()),
+        Err(error) => return complain(&error),
     };
     let result = runtime.block_on(async {
+        // Whoever writes beyond the limit of a file's size then gets an error, and not a signal that kills.
+        let _too_long = signal(SignalKind::from_raw(Signals::XFSZ.as_raw()))?;
         match command {
             Command::Run(arguments) => arguments.run(started).await,
             Command::Up(arguments) => arguments.run().await,
@@ -142,8 +157,16 @@ pub(crate) fn main(started: Instant) -> ExitCode {
     result.unwrap_or_else(|error| complain(&error))
 }
 
+/// The runtime, if the limit of open files leaves room for it: it does not look itself.
+fn runtime() -> anyhow::Result<tokio::runtime::Runtime> {
+    let dup = |_| io::stderr().as_fd().try_clone_to_owned();
+    let room: Result<Vec<_>, io::Error> = (0..FILES).map(dup).collect();
+    room.with_context(|| format!("no room for {FILES} open files: expected a higher limit (ulimit -n)"))?;
+    Ok(tokio::runtime::Builder::new_current_thread().enable_all().build()?)
+}
+
 fn complain(error: &anyhow::Error) -> ExitCode {
-    eprintln!("torno: {error:#}");
+    say(&format!("torno: {error:#}\n"));
     ExitCode::from(exit::code(error))
 }
 
@@ -186,12 +209,17 @@ fn load_program(path: Option<&Path>) -> anyhow::Result<(String, Program)> {
         return Ok((name.to_owned(), Program::parse(text).context(name)?));
     };
     let name = path.display().to_string();
-    let text = torno::text_file::read(path).map_err(|error| match error {
-        TextError::Unreadable(error) => anyhow::Error::new(error).context(format!("cannot read the program '{name}'")),
-        TextError::NotText { .. } => anyhow::Error::new(error).context(name.clone()),
-    })?;
+    let text = torno::text_file::read(path).map_err(|error| unreadable(error, &name))?;
     let program = Program::parse(&text).with_context(|| name.clone())?;
     Ok((name, program))
+}
+
+/// Why the program in a file of this name cannot be read.
+fn unreadable(error: TextError, name: &str) -> anyhow::Error {
+    match error {
+        TextError::Unreadable(error) => anyhow::Error::new(error).context(format!("cannot read the program '{name}'")),
+        TextError::NotText { .. } => anyhow::Error::new(error).context(name.to_owned()),
+    }
 }
 
 /// Opens a recording and writes its header.
@@ -206,21 +234,24 @@ fn load_trace(path: &Path) -> anyhow::Result<(Trace, Option<Damage>)> {
     let file = File::open(path).map_err(|error| of_file(error.into()))?;
     let (trace, damage) = torno_trace::read(BufReader::new(file), RigFile::layout_of).map_err(of_file)?;
     if let Some(damage) = &damage {
-        eprintln!("torno: '{}' {damage}, up to {}", path.display(), trace.settled);
+        say(&format!("torno: '{}' {damage}, up to {}\n", path.display(), trace.settled));
     }
     Ok((trace, damage))
 }
 
-/// The signals by which a person or a service manager ends a command.
+/// The signals by which a person or a service manager ends a command: all that end a program which knows none of them,
+/// and can be caught. One that is ignored from the start, as by `nohup`, stays so.
 struct Interrupt {
-    signals: [Signal; 3],
+    signals: Vec<Signal>,
 }
 
 impl Interrupt {
     /// Listens from here on.
     fn listen() -> io::Result<Self> {
-        let [a, b, c] = [SignalKind::interrupt(), SignalKind::terminate(), SignalKind::hangup()].map(signal);
-        Ok(Self { signals: [a?, b?, c?] })
+        let ignored = ignored_signals();
+        let asks = |kind: &Signals| *kind != Signals::HUP || ignored >> (kind.as_raw() - 1) & 1 == 0;
+        let signals = ENDING.iter().filter(|kind| asks(kind)).map(|kind| signal(SignalKind::from_raw(kind.as_raw())));
+        Ok(Self { signals: signals.collect::<io::Result<_>>()? })
     }
 
     /// Waits for one.
@@ -231,4 +262,15 @@ impl Interrupt {
         })
         .await;
     }
+}
+
+/// What ends a command, in order.
+const ENDING: [Signals; 7] =
+    [Signals::INT, Signals::TERM, Signals::HUP, Signals::QUIT, Signals::USR1, Signals::USR2, Signals::ALARM];
+
+/// A bit for each signal that is ignored since before this program began.
+fn ignored_signals() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    ignored.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or_default()
 }

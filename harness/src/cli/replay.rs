@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use serde_json::json;
 use torno::replay::replay;
+use torno::session::INTERRUPTED as ENDED;
 use torno_trace::diff::{Extent, first_difference};
 
 use super::options::Placement;
@@ -29,7 +30,11 @@ impl Arguments {
         let mut interrupt = Interrupt::listen()?;
         let again = tokio::select! {
             again = replay(&trace, &driver) => again?,
-            () = interrupt.received() => return Ok(ExitCode::from(INTERRUPTED)),
+            () = interrupt.received() => {
+                let json = json!({ "outcome": ENDED, "same": null });
+                print(&if self.json { format!("{json}\n") } else { format!("{ENDED}: nothing is compared\n") })?;
+                return Ok(ExitCode::from(INTERRUPTED));
+            }
         };
         let digest = again.digest.to_string();
         let (virtual_s, wall_s) = (trace.until().as_secs_f64(), started.elapsed().as_secs_f64());

@@ -5,6 +5,7 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use torno::fault::{self, FaultFile};
+use torno::observe::stderr::say;
 use torno::pace::Pace;
 use torno::play::{Ended, Play, Played, Progress};
 use torno::report::page::Page;
@@ -101,7 +102,7 @@ impl Arguments {
             None => FaultFile { seed: self.seed.unwrap_or_default(), ..FaultFile::default() },
         };
         if !drawn.is_empty() {
-            eprintln!("seed {}", seed_text(seed, &drawn));
+            say(&format!("seed {}\n", seed_text(seed, &drawn)));
         }
         let [vcd, drawing, report] =
             [&self.vcd, &self.part, &self.report].map(|path| path.as_ref().map(OutputFile::create));
@@ -161,7 +162,7 @@ fn summary(played: Played, rig: String, program: String, frames: usize, seed: u6
         rig: Some(rig),
         port: None,
         program,
-        outcome: played.outcome.name(),
+        outcome: played.outcome(),
         frames: Frames::new(&played.conversation, frames),
         failures: failures(&played.conversation).into_iter().chain(played.cut_short()).collect(),
         virtual_s: Some(virtual_s),

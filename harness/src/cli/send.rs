@@ -7,7 +7,8 @@ use std::time::{Duration, Instant};
 
 use torno::report::{Bar, Frames, Summary, failures};
 use torno::send::Send;
-use torno_protocol::lathe::{BAUD, Outcome};
+use torno::session;
+use torno_protocol::lathe::{BAUD, Outcome, Tally};
 use torno_protocol::time::Span;
 
 use super::options::time;
@@ -45,7 +46,8 @@ impl Arguments {
         let send = Send { program, port: self.port.clone(), baud: self.baud, patience };
         let mut interrupt = Interrupt::listen()?;
         let bar = Bar::new(frames, started);
-        let run = send.run(|conversation, reply| {
+        let mut conversation = Tally::default();
+        let run = send.run(&mut conversation, |conversation, reply| {
             if self.json {
                 tracing::info!("{reply}");
             } else {
@@ -55,16 +57,16 @@ impl Arguments {
             }
             bar.update(conversation.accepted, None);
         });
-        let (conversation, outcome) = tokio::select! {
-            ended = run => ended?,
-            () = interrupt.received() => return Ok(ExitCode::from(INTERRUPTED)),
+        let outcome = tokio::select! {
+            ended = run => Some(ended?),
+            () = interrupt.received() => None,
         };
         bar.clear();
         let summary = Summary {
             rig: None,
             port: Some(self.port),
             program: program_name,
-            outcome: outcome.name(),
+            outcome: outcome.map_or(session::INTERRUPTED, Outcome::name),
             frames: Frames::new(&conversation, frames),
             failures: failures(&conversation),
             virtual_s: None,
@@ -80,6 +82,10 @@ impl Arguments {
             order: Vec::new(),
         };
         print_result(self.json, &summary)?;
-        Ok(if outcome == Outcome::Completed { ExitCode::SUCCESS } else { ExitCode::from(FAILED) })
+        Ok(match outcome {
+            Some(Outcome::Completed) => ExitCode::SUCCESS,
+            Some(_) => ExitCode::from(FAILED),
+            None => ExitCode::from(INTERRUPTED),
+        })
     }
 }

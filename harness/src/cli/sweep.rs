@@ -1,12 +1,12 @@
 //! `torno sweep`
 
 use std::fmt;
-use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::str::FromStr;
 
 use anyhow::Context;
+use torno::observe::stderr::say;
 use torno::report::Bar;
 use torno::rig::Driver;
 use torno::scenario::{Scenario, Tested, run_all, seed_text, shell_word};
@@ -86,7 +86,7 @@ impl Arguments {
             let (runs, missing) = merge(runs)?;
             let told = self.tell(&runs, None)?;
             let Some(missing) = missing else { return Ok(told) };
-            eprintln!("torno: --merge: {missing}");
+            say(&format!("torno: --merge: {missing}\n"));
             return Ok(ExitCode::from(USAGE));
         }
         let [path] = &self.files[..] else { anyhow::bail!("expected one scenario, found {}", self.files.len()) };
@@ -184,8 +184,8 @@ fn again(job: &Job, tested: &Tested) -> String {
 /// The runs in a file of results, each with where it stands.
 fn read(path: &Path) -> anyhow::Result<Vec<(String, Run)>> {
     let name = path.display();
-    let file = std::fs::File::open(path).with_context(|| format!("cannot read '{name}'"))?;
-    let lines = (1..).zip(BufReader::new(file).lines());
+    let lines = torno::text_file::lines(path).with_context(|| format!("cannot read '{name}'"))?;
+    let lines = (1..).zip(lines);
     let run = |(number, line): (usize, std::io::Result<String>)| -> anyhow::Result<(String, Run)> {
         let line = line.with_context(|| format!("cannot read '{name}'"))?;
         let place = format!("{name}:{number}");

@@ -8,6 +8,7 @@ use super::part::sizes;
 use super::series::{Course, Courses, Motion, decimated, lasting};
 use super::timeline::{Bus, PC_HELD, Said};
 use super::{Cut, Shares, Stats, Summary};
+use crate::session::INTERRUPTED;
 use torno_trace::Trace;
 
 const STYLE: &str = include_str!("page/style.css");
@@ -138,7 +139,7 @@ impl Page<'_> {
         let outcome = self.trace.end.as_ref().map_or("not ended", |end| end.outcome.as_str());
         let class = match outcome {
             "completed" | "passed" => "good",
-            "rejected" | "faulted" | "unanswered" | "failed" => "bad",
+            "rejected" | "faulted" | "unanswered" | "failed" | INTERRUPTED => "bad",
             _ => "",
         };
         card("outcome", class, outcome, "")?;

@@ -20,7 +20,7 @@ pub struct Summary {
     pub port: Option<String>,
     /// The program.
     pub program: String,
-    /// How it ended: `completed`, `rejected`, `faulted`, `unanswered`.
+    /// How it ended: `completed`, `rejected`, `faulted`, `unanswered`, `interrupted`.
     pub outcome: &'static str,
     /// The frames.
     pub frames: Frames,

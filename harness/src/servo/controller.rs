@@ -45,7 +45,7 @@ pub enum Ended {
     /// Before: the controller is there, and has ended it. Why, its LEDs say.
     Early,
     /// The PC has stopped it.
-    Stopped,
+    Interrupted,
 }
 
 /// Why the controller did not do what it should.
@@ -266,7 +266,7 @@ impl<L: Line> Controller<L> {
                 let shown = shown(byte);
                 if !heard(Sample { tick, error: errors.push(shown), shown }) {
                     self.stop().await?;
-                    return Ok(Ended::Stopped);
+                    return Ok(Ended::Interrupted);
                 }
             }
         }

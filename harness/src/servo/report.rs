@@ -8,7 +8,7 @@ use torno_servo::{Program, TICKS_PER_S};
 use super::controller::{Ended, Sample};
 use torno_trace::End;
 
-use crate::session::EndedBoard;
+use crate::session::{EndedBoard, INTERRUPTED};
 use torno_plot::{Figure, Panel, Series, Style};
 
 /// Samples of the window in which Servo v1.0 shows the following error: 4 s (§3.1).
@@ -41,7 +41,7 @@ impl Ended {
         match self {
             Self::Completed => "completed",
             Self::Early => "ended early by the controller",
-            Self::Stopped => "stopped",
+            Self::Interrupted => INTERRUPTED,
         }
     }
 }

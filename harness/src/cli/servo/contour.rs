@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use serde_json::json;
+use torno::observe::stderr::say;
 use torno::servo::contour::{self, Contour};
 use torno_servo::contour::{Shape, Task};
 
@@ -111,7 +112,7 @@ impl Arguments {
             contours.iter().map(Contour::text).collect()
         };
         if self.plot.as_deref().is_some_and(is_output) {
-            eprint!("{text}")
+            say(&text)
         } else {
             print(&text)?
         }

@@ -10,17 +10,18 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use serde_json::json;
+use torno::observe::stderr::say;
 use torno::rig::file::RigFile;
 use torno::send::SendError;
 use torno::servo::report::graph;
 use torno::servo::{Controller, ControllerError, Gain, Line, LineError, SerialLine};
-use torno::text_file::TextError;
 use torno_plot::{Colouring, Colours};
 use torno_servo::{Compiled, Finding, Language, Limits, Severity, compile};
 
 use super::options::picture;
 use super::{
-    FAILED, INTERRUPTED, Interrupt, OutputFile, USAGE, draw, is_output, load_rig, print, start_recording, write_file,
+    FAILED, INTERRUPTED, Interrupt, OutputFile, USAGE, draw, is_output, load_rig, print, start_recording, unreadable,
+    write_file,
 };
 
 /// The rig that is meant where no port is named.
@@ -157,12 +158,7 @@ struct Source {
 impl Source {
     fn load(path: &Path, stand: &Stand) -> anyhow::Result<Self> {
         let name = path.display().to_string();
-        let text = torno::text_file::read(path).map_err(|error| match error {
-            TextError::Unreadable(error) => {
-                anyhow::Error::new(error).context(format!("cannot read the program '{name}'"))
-            }
-            TextError::NotText { .. } => anyhow::Error::new(error).context(name.clone()),
-        })?;
+        let text = torno::text_file::read(path).map_err(|error| unreadable(error, &name))?;
         let compiled = compile(&text, &stand.limits());
         Ok(Self { name, text, compiled })
     }
@@ -170,12 +166,23 @@ impl Source {
     /// Everything found, each with its line and the word underlined.
     fn findings(&self, language: Language) -> String {
         let lines: Vec<&str> = self.text.lines().collect();
+        let mut place = Column { line: 0, column: 1, rest: "" };
         let shown = |finding: &Finding| {
             let Finding { line, column, word, .. } = finding;
-            let text = lines.get(line - 1).unwrap_or(&"").trim_start_matches('\u{feff}').trim_end();
+            // Of a long line, what is about the word: the same text is not shown with each of a thousand findings.
+            let first = column.saturating_sub(SHOWN).max(1);
+            if place.line != *line || place.column > first {
+                let text = lines.get(line - 1).unwrap_or(&"").trim_start_matches('\u{feff}').trim_end();
+                place = Column { line: *line, column: 1, rest: text };
+            }
+            place.go_to(first);
+            let end = place.rest.char_indices().nth(2 * SHOWN).map_or(place.rest.len(), |(end, _)| end);
+            let (before, text, after) =
+                (if first > 1 { "…" } else { "" }, &place.rest[..end], if end < place.rest.len() { "…" } else { "" });
             // Tabs stay, so that the mark stands below the word however wide they are.
-            let blank: String = text.chars().take(column - 1).map(|c| if c == '\t' { '\t' } else { ' ' }).collect();
-            let marks = "^".repeat(word.chars().count().max(1));
+            let blank = text.chars().take(column - first).map(|c| if c == '\t' { '\t' } else { ' ' });
+            let blank: String = before.chars().map(|_| ' ').chain(blank).collect();
+            let marks = "^".repeat(word.chars().count().clamp(1, SHOWN));
             let kind = match (finding.problem.severity(), language) {
                 (Severity::Error, _) => "",
                 (Severity::Danger, Language::English) => "warning: ",
@@ -185,9 +192,31 @@ impl Source {
             };
             let message = finding.message(language);
             let margin = " ".repeat(line.to_string().len());
-            format!("{}:{line}:{column}: {kind}{message}\n {line} | {text}\n {margin} | {blank}{marks}\n", self.name)
+            format!(
+                "{}:{line}:{column}: {kind}{message}\n {line} | {before}{text}{after}\n {margin} | {blank}{marks}\n",
+                self.name
+            )
         };
         self.compiled.findings.iter().map(shown).collect()
+    }
+}
+
+/// So many characters of a line are shown before a word that is complained of, and as many from it on.
+const SHOWN: usize = 60;
+
+/// A place in a text that is gone through once.
+struct Column<'a> {
+    line: usize,
+    /// The column, from 1, at which `rest` begins.
+    column: usize,
+    rest: &'a str,
+}
+
+impl Column<'_> {
+    /// Goes on to a column of the same line.
+    fn go_to(&mut self, column: usize) {
+        let skipped = self.rest.char_indices().nth(column - self.column).map_or(self.rest.len(), |(at, _)| at);
+        (self.column, self.rest) = (column, &self.rest[skipped..]);
     }
 }
 
@@ -225,9 +254,9 @@ impl Check {
 impl Plot {
     fn run(self) -> anyhow::Result<ExitCode> {
         let source = Source::load(&self.program, &self.stand)?;
-        eprint!("{}", source.findings(self.stand.lang));
+        say(&source.findings(self.stand.lang));
         let Some(program) = &source.compiled.program else {
-            eprintln!("{}", source.compiled.verdict(self.stand.lang));
+            say(&format!("{}\n", source.compiled.verdict(self.stand.lang)));
             return Ok(ExitCode::from(FAILED));
         };
         draw(&self.plot, &graph(&source.name, program), &self.paint.colours())?;
@@ -270,11 +299,11 @@ impl Place {
                     let is_port =
                         |error: &SendError| !matches!(error, SendError::Open { .. } | SendError::NoPort { .. });
                     unopened &= matches!(&error, ControllerError::Line(LineError::Serial(error)) if !is_port(error));
-                    eprintln!("torno: {:#}", anyhow::Error::new(error));
+                    say(&format!("torno: {:#}\n", anyhow::Error::new(error)));
                 }
             }
         }
-        eprintln!("{}", not_connected(lang));
+        say(&format!("{}\n", not_connected(lang)));
         Ok(Err(ExitCode::from(if unopened { USAGE } else { FAILED })))
     }
 }

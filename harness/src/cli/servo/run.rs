@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::Context;
+use torno::observe::stderr::say;
 use torno::pace::Pace;
 use torno::report::Status;
 use torno::report::page::Page;
@@ -60,13 +61,13 @@ pub(super) struct Arguments {
 impl Arguments {
     pub(super) async fn run(self) -> anyhow::Result<ExitCode> {
         let source = Source::load(&self.program, &self.stand)?;
-        eprint!("{}", source.findings(self.stand.lang));
+        say(&source.findings(self.stand.lang));
         if source.compiled.program.is_none() {
-            eprintln!("{}", source.compiled.verdict(self.stand.lang));
+            say(&format!("{}\n", source.compiled.verdict(self.stand.lang)));
             return Ok(ExitCode::from(FAILED));
         }
         if !(self.force || source.compiled.can_be_driven()) {
-            eprintln!("nothing is sent to the controller");
+            say("nothing is sent to the controller\n");
             return Ok(ExitCode::from(FAILED));
         }
         if self.place.port.is_empty() {
@@ -75,7 +76,7 @@ impl Arguments {
         anyhow::ensure!(!self.placement.is_chosen(), "a stand at --port has no boards to place: leave the option out");
         match self.place.port(self.stand.lang).await? {
             Ok(mut controller) => {
-                eprintln!("{}", connected(self.stand.lang, controller.line().name()));
+                say(&format!("{}\n", connected(self.stand.lang, controller.line().name())));
                 let ran = self.on(&mut controller, &source).await;
                 // The port is free before anything is written.
                 drop(controller.disconnect());
@@ -147,7 +148,7 @@ impl Arguments {
                 ended = drive => ended?,
                 () = interrupt.received() => {
                     controller.stop().await?;
-                    Ended::Stopped
+                    Ended::Interrupted
                 }
             };
             if report.ended != Ended::Completed {
@@ -168,14 +169,14 @@ impl Arguments {
         let on_output = [&self.plot, &self.csv, &self.report].into_iter().flatten().any(|path| is_output(path));
         let text = if self.json { format!("{}\n", report.json()) } else { report.text() };
         if on_output {
-            eprint!("{text}")
+            say(&text)
         } else {
             print(&text)?
         }
         Ok(match report.ended {
             Ended::Completed => ExitCode::SUCCESS,
             Ended::Early => ExitCode::from(FAILED),
-            Ended::Stopped => ExitCode::from(INTERRUPTED),
+            Ended::Interrupted => ExitCode::from(INTERRUPTED),
         })
     }
 }
