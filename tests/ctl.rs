@@ -44,6 +44,12 @@ fn end(mut up: Up) {
     assert!(up.child.wait().unwrap().success());
 }
 
+/// The same of a rig of which a board has died.
+fn end_without_a_board(mut up: Up) {
+    kill("-INT", up.pid());
+    assert_eq!(up.child.wait().unwrap().code(), Some(1));
+}
+
 fn repeats(trace: &Path) {
     for driver in [&[][..], &["--processes"]] {
         let output = output(&[&["replay", trace.to_str().unwrap()], driver].concat());
@@ -494,7 +500,7 @@ fn whoever_reads_too_slowly_is_told_what_is_lost_and_holds_nobody_up() {
     end(up);
     let (lost, rows): (Vec<&Value>, Vec<&Value>) = rows.iter().partition(|row| row.get("lost").is_some());
     let lost: u64 = lost.iter().map(|row| row["lost"].as_u64().unwrap()).sum();
-    assert!(lost > 0 && rows.len() > 100_000, "{lost} of {}", rows.len());
+    assert!(lost > 0 && rows.len() > 40_000, "{lost} of {}", rows.len());
     assert_eq!(rows.len() as u64 + lost, recorded(&trace, &["edges"], from, until).len() as u64);
 }
 
@@ -623,7 +629,7 @@ fn a_noisy_rig_at_full_speed_answers() {
     up.wait_for_log("died: signal: 9");
     let before = now();
     wait_until("time goes on", || now() > before + 1_000_000_000);
-    end(up);
+    end_without_a_board(up);
 }
 
 /// The engine waits for whoever watches; nobody else must wait with it.

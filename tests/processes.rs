@@ -251,7 +251,7 @@ fn a_master_that_is_killed_leaves_the_harness_up() {
     }
     assert_eq!(up.child.try_wait().unwrap(), None);
     kill("-TERM", up.pid());
-    assert_eq!(up.child.wait().unwrap().code(), Some(0));
+    assert_eq!(up.child.wait().unwrap().code(), Some(1));
 }
 
 #[test]

@@ -140,9 +140,14 @@ fn keep_silent() {
 }
 
 /// Ends it as Ctrl-C does.
-fn end(mut up: Up) {
+fn end(up: Up) {
+    end_with(0, up);
+}
+
+/// The same, with this exit status: 1 if a board has died.
+fn end_with(code: i32, mut up: Up) {
     kill("-INT", up.pid());
-    assert!(up.child.wait().unwrap().success());
+    assert_eq!(up.child.wait().unwrap().code(), Some(code));
 }
 
 fn repeats(trace: &Path) {
@@ -222,7 +227,7 @@ fn boards_that_die_or_stay_stopped_are_repeated_with_the_same_digest() {
     kill("-STOP", up.board("depth"));
     up.wait_for_log("was stopped");
     up.wait_for_log("slave 'd' does not answer");
-    end(up);
+    end_with(1, up);
     repeats(&trace);
 }
 
@@ -255,7 +260,7 @@ fn noise_goes_on_whoever_is_lost_and_is_repeated_with_the_same_digest() {
             kill("-CONT", up.board(board));
             up.wait_for_log("was continued");
         }
-        end(up);
+        end_with(i32::from(signal == "-KILL"), up);
         repeats(&trace);
     }
 }
@@ -274,7 +279,7 @@ fn a_client_that_nobody_hears_is_repeated_with_the_same_digest() {
         let arguments = ["trace", word(&trace), "--line", "pc_to_master", "--kind", "characters"];
         wait_until("it is on the line", || stdout(&output(&arguments)).lines().count() == 8 * n);
     }
-    end(up);
+    end_with(1, up);
     repeats(&trace);
 }
 

@@ -1,13 +1,12 @@
 //! Unix sockets that serve only the user who runs the rig.
 
-use std::fs::Metadata;
 use std::io;
-use std::os::unix::fs::{FileTypeExt, MetadataExt};
+use std::os::unix::fs::FileTypeExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use rustix::fd::OwnedFd;
-use rustix::fs::Mode;
+use rustix::fs::{Mode, OFlags, Stat};
 use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType};
 use rustix::process::geteuid;
 use tokio::net::{UnixListener, UnixStream};
@@ -65,8 +64,8 @@ pub(crate) struct Purpose {
 #[derive(Debug)]
 pub(crate) struct OwnSocket {
     path: PathBuf,
-    /// The file that it is: another one may be there by the end.
-    file: (u64, u64),
+    /// The file that it is, held so that no other one is taken for it: another one may be there by the end.
+    file: OwnedFd,
     listener: UnixListener,
     purpose: Purpose,
 }
@@ -95,7 +94,8 @@ impl OwnSocket {
         }
         let socket = std::os::unix::net::UnixListener::from(bound(&path).map_err(refused)?);
         let listener = UnixListener::from_std(socket).map_err(refused)?;
-        let file = std::fs::symlink_metadata(&path).map(|found| identity(&found)).map_err(refused)?;
+        let file = rustix::fs::open(&path, OFlags::PATH | OFlags::NOFOLLOW | OFlags::CLOEXEC, Mode::empty());
+        let file = file.map_err(|error| refused(error.into()))?;
         Ok(Self { path, file, listener, purpose })
     }
 
@@ -127,15 +127,13 @@ impl OwnSocket {
 impl Drop for OwnSocket {
     fn drop(&mut self) {
         // Nobody is left to tell if this fails; the next rig replaces a socket that nobody listens to.
-        if std::fs::symlink_metadata(&self.path).is_ok_and(|found| identity(&found) == self.file) {
+        let identity = |file: Stat| (file.st_dev, file.st_ino);
+        let [ours, found] =
+            [rustix::fs::fstat(&self.file), rustix::fs::lstat(&self.path)].map(|file| file.map(identity));
+        if ours.is_ok() && ours == found {
             std::fs::remove_file(&self.path).ok();
         }
     }
-}
-
-/// What tells a file from all others that are there at the same time.
-fn identity(file: &Metadata) -> (u64, u64) {
-    (file.dev(), file.ino())
 }
 
 /// A listening socket that has its mode before it has its name.

@@ -1,10 +1,11 @@
-//! Standard error, which never holds anything up: a thread of its own writes, so that nobody has to read it.
+//! Standard error, which never holds anything up: where somebody has to read it, a thread of its own writes.
 
 use std::io::{self, Write};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
 use rustix::event::{PollFd, PollFlags};
+use rustix::fs::{FileType, Stat};
 use rustix::io::Errno;
 
 use crate::backlog::Backlog;
@@ -34,6 +35,8 @@ struct State {
     backlog: Backlog,
     /// Where lines go, until the thread that writes them has started with the first of them.
     output: Option<Box<dyn Write + Send>>,
+    /// They go there at once, without a thread.
+    at_once: bool,
     /// Some of what has been taken from the backlog is not written yet.
     writing: bool,
     /// How often something has been written.
@@ -42,7 +45,14 @@ struct State {
 
 /// Standard error for the log, where a line from `note` stands for so many lost ones.
 pub(super) fn for_log(note: fn(u64) -> String) -> Lines {
-    STDERR.get_or_init(|| Lines::to(Stderr, ROOM, note)).clone()
+    let lines = || {
+        let lines = Lines::to(Stderr, ROOM, note);
+        // A file takes all at once, and whoever looks into it finds what has been said.
+        let is_file = |stat: Stat| FileType::from_raw_mode(stat.st_mode).is_file();
+        lines.state().at_once = rustix::fs::fstat(rustix::stdio::stderr()).is_ok_and(is_file);
+        lines
+    };
+    STDERR.get_or_init(lines).clone()
 }
 
 /// Says something on standard error that is no part of the log, behind what has been logged.
@@ -62,7 +72,7 @@ impl Lines {
     /// Lines that go to `output`.
     fn to(output: impl Write + Send + 'static, room: usize, note: fn(u64) -> String) -> Self {
         let backlog = Backlog::new(room, note);
-        let state = State { backlog, output: Some(Box::new(output)), writing: false, pieces: 0 };
+        let state = State { backlog, output: Some(Box::new(output)), at_once: false, writing: false, pieces: 0 };
         Self(Arc::new(Shared { state: Mutex::new(state), news: Condvar::new(), written: Condvar::new() }))
     }
 
@@ -72,6 +82,11 @@ impl Lines {
 
     fn push(&mut self, line: &[u8]) {
         let mut state = self.state();
+        if let State { at_once: true, output: Some(output), .. } = &mut *state {
+            // That nothing can be written, as where a disk is full, is no error of what is logged.
+            output.write_all(line).ok();
+            return;
+        }
         state.backlog.push(line);
         if let Some(mut output) = state.output.take() {
             let writer = self.clone();
