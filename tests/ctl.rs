@@ -188,8 +188,9 @@ fn no_more_than_sixteen_watch_at_once() {
 
 #[test]
 fn a_socket_that_is_another_s_by_now_is_left_there() {
-    let up = Up::start(&[]);
-    let path = control(&up);
+    let folder = folder();
+    let path = folder.path().join("control");
+    let up = Up::start(&["--control", path.to_str().unwrap()]);
     fs::remove_file(&path).unwrap();
     let _other = UnixListener::bind(&path).unwrap();
     end(up);

@@ -30,7 +30,8 @@ const WATCHED: Duration = Duration::from_millis(20);
 const AT_ONCE: Duration = Duration::from_millis(20);
 /// A rig in which something happens goes so far at once, in virtual time.
 const STRIDE: Span = Span::from_secs(1);
-/// So far, in virtual time, a rig goes at once even if nothing happens: what a motor has to tell of it takes milliseconds.
+/// So far, in virtual time, a rig goes at once even if nothing happens: what a motor has to tell of it takes some
+/// milliseconds.
 const LEAP: Span = Span::from_secs(100);
 
 /// A rig with an open PC port.
