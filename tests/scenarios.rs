@@ -307,7 +307,7 @@ fn every_kind_of_expectation_can_fail() {
         (
             "[[fault]]\nname = \"far\"\nline = \"pc_to_master\"\nkind = \"drop\"\nnth = 9\n".to_owned(),
             "the fault 'far'",
-            "it never fired",
+            "it began at 0.000000s, but character 9 from then on was never sent on pc_to_master",
         ),
     ] {
         let (code, out, ..) = test(&format!("{patient}{more}"));

@@ -12,7 +12,7 @@ use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::Character;
 use torno_trace::{Header, Trace, Waveforms};
 
-use crate::fault::Planned;
+use crate::fault::{Planned, Unfired};
 use crate::pace::Pace;
 use crate::recorder::Recorder;
 use crate::rig::file::RigFile;
@@ -125,7 +125,7 @@ pub struct Played {
     /// Everything that happened, if it was to be kept.
     pub trace: Option<Trace>,
     /// The faults that have not fired.
-    pub unfired: Vec<String>,
+    pub unfired: Vec<Unfired>,
 }
 
 impl Played {

@@ -15,7 +15,7 @@ use torno_protocol::board::Stimulus;
 use torno_protocol::time::{Instant, Span};
 use torno_trace::{Digest, End, Header, Trace};
 
-use crate::fault::{Faults, Planned};
+use crate::fault::{Faults, Planned, Unfired};
 use crate::observe::{Telemetry, log};
 use crate::pace::{Brake, Pace};
 use crate::recorder::{RECORDED, Recorder, RecordingError};
@@ -416,7 +416,7 @@ impl Session {
     }
 
     /// The faults that have not fired.
-    pub fn unfired(&mut self) -> Vec<String> {
+    pub fn unfired(&mut self) -> Vec<Unfired> {
         self.faults.unfired(&mut self.rig)
     }
 

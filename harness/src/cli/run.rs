@@ -128,8 +128,8 @@ impl Arguments {
         let progress = |progress: Progress<'_>| bar.update(progress.conversation.accepted, Some(progress.now));
         let mut played = play.record(recorder, progress, interrupt.received()).await?;
         bar.clear();
-        for name in &played.unfired {
-            tracing::warn!("the fault '{name}' has not fired");
+        for unfired in &played.unfired {
+            tracing::warn!("{unfired}");
         }
         if let (Some(file), Some(waveforms)) = (vcd, &played.waveforms) {
             file.write_by(|file| waveforms.write(file, played.end, tail, self.vcd_step))?;

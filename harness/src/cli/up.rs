@@ -125,8 +125,8 @@ impl Arguments {
         tokio::select! {
             left = live.end() => {
                 let left = left?;
-                for name in &left.unfired {
-                    tracing::warn!("the fault '{name}' has not fired");
+                for unfired in &left.unfired {
+                    tracing::warn!("{unfired}");
                 }
                 let died = left.incidents.iter().any(|incident| matches!(incident.what, ProcessChange::Died(_)));
                 print(&farewell(&left, self.json))?;
@@ -143,7 +143,7 @@ fn farewell(left: &Left, json: bool) -> String {
     let incidents: Vec<String> = left.incidents.iter().map(|incident| format!("{}: {incident}", incident.at)).collect();
     let virtual_s = left.end.as_secs_f64();
     if json {
-        let unfired = &left.unfired;
+        let unfired: Vec<String> = left.unfired.iter().map(ToString::to_string).collect();
         let told = json!({"outcome": ENDED, "virtual_s": virtual_s, "incidents": incidents, "unfired": unfired});
         return format!("{told}\n");
     }

@@ -1,6 +1,7 @@
 //! The faults of a running rig: those that are planned, those that have begun, and how they end.
 
 use std::collections::BTreeMap;
+use std::fmt;
 
 use torno_protocol::time::Instant;
 
@@ -41,7 +42,44 @@ pub struct Faults {
     /// Those that have begun and are not healed, and some that are over by themselves.
     broken: BTreeMap<String, Broken>,
     /// Those on a line that have not met their character yet.
-    waiting: Vec<(String, FaultId)>,
+    waiting: Vec<Waiting>,
+}
+
+/// A fault on a line that waits for its character.
+#[derive(Debug)]
+struct Waiting {
+    name: String,
+    fault: FaultId,
+    since: Instant,
+    nth: u64,
+    line: String,
+}
+
+/// A fault that has not fired.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Unfired {
+    /// Its name.
+    pub name: String,
+    /// Why it has not.
+    pub cause: Cause,
+}
+
+/// Why a fault has not fired.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Cause {
+    /// It has not begun: what it waits for has not happened.
+    Unmet(Condition),
+    /// It has not begun: all was over before this instant.
+    Later(Instant),
+    /// It has begun, but its character was not sent.
+    Unsent {
+        /// Since when it has waited.
+        since: Instant,
+        /// For which character, counted from then on.
+        nth: u64,
+        /// On which line.
+        line: String,
+    },
 }
 
 /// A fault that waits for something.
@@ -89,8 +127,9 @@ impl Faults {
     pub fn begin(&mut self, rig: &mut Rig, fault: &Fault, at: Instant) -> Instant {
         let broken = fault.begin(rig, at);
         let since = broken.since;
-        if let Some(lies_in_wait) = broken.line.filter(|_| fault.lies_in_wait()) {
-            self.waiting.push((fault.name.clone(), lies_in_wait));
+        if let Some((lies_in_wait, (line, nth))) = broken.line.zip(fault.awaited()) {
+            let line = rig.layout().lines[line].name.clone();
+            self.waiting.push(Waiting { name: fault.name.clone(), fault: lies_in_wait, since, nth, line });
         }
         if let Some(mut before) = self.broken.insert(fault.name.clone(), broken).filter(|b| b.ends().is_some()) {
             // Its end has come just now.
@@ -179,17 +218,40 @@ impl Faults {
     }
 
     /// The faults that have not fired, but for those that have been [disarmed](Self::disarm).
-    pub fn unfired(&mut self, rig: &mut Rig) -> Vec<String> {
+    pub fn unfired(&mut self, rig: &mut Rig) -> Vec<Unfired> {
         self.note_fired(rig);
-        let armed = self.armed.iter().map(|armed| &armed.fault.name);
-        let due = self.due.iter().map(|(_, fault)| &fault.name);
-        armed.chain(due).chain(self.waiting.iter().map(|(name, _)| name)).cloned().collect()
+        let unfired = |name: &String, cause| Unfired { name: name.clone(), cause };
+        let armed = self.armed.iter();
+        let armed = armed.map(|armed| unfired(&armed.fault.name, Cause::Unmet(armed.condition.clone())));
+        let due = self.due.iter().map(|(at, fault)| unfired(&fault.name, Cause::Later(*at)));
+        let waiting = self.waiting.iter().map(|Waiting { name, since, nth, line, .. }| {
+            unfired(name, Cause::Unsent { since: *since, nth: *nth, line: line.clone() })
+        });
+        armed.chain(due).chain(waiting).collect()
     }
 
     /// Those that have met their character are over.
     fn note_fired(&mut self, rig: &mut Rig) {
         let fired = rig.take_fired();
-        self.waiting.retain(|(_, fault)| !fired.contains(fault));
+        self.waiting.retain(|waiting| !fired.contains(&waiting.fault));
         self.broken.retain(|_, broken| broken.line.is_none_or(|fault| !fired.contains(&fault)));
+    }
+}
+
+impl fmt::Display for Cause {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Unmet(condition) => write!(f, "it has not begun: its condition was never met ({condition})"),
+            Self::Later(at) => write!(f, "it has not begun: all was over before {at}"),
+            Self::Unsent { since, nth, line } => {
+                write!(f, "it began at {since}, but character {nth} from then on was never sent on {line}")
+            }
+        }
+    }
+}
+
+impl fmt::Display for Unfired {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "the fault '{}' has not fired: {}", self.name, self.cause)
     }
 }

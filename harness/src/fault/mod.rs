@@ -6,7 +6,7 @@
 mod faults;
 mod file;
 
-pub use faults::{Faults, HealError, Planned, Trigger};
+pub use faults::{Cause, Faults, HealError, Planned, Trigger, Unfired};
 pub(crate) use file::text_drawn;
 pub use file::{BOARD_KINDS, FaultFile, FaultFileError, LINE_KINDS, RawFault, load, parse};
 
@@ -122,9 +122,12 @@ impl Site {
 }
 
 impl Fault {
-    /// Whether it waits for something to come along that it can spoil.
-    pub fn lies_in_wait(&self) -> bool {
-        matches!(self.what, Site::Line(_, Disturbance::Character { .. }))
+    /// The character that it waits for, to spoil it: on which line, and which.
+    const fn awaited(&self) -> Option<(LineId, u64)> {
+        match &self.what {
+            Site::Line(line, Disturbance::Character { nth, .. }) => Some((*line, *nth)),
+            _ => None,
+        }
     }
 
     /// Whether it happens in an instant: then there is nothing to heal.

@@ -10,6 +10,7 @@ use std::time::Duration;
 
 use torno_protocol::time::{Instant, Span};
 
+use crate::fault::Unfired;
 use crate::observe::log;
 use crate::pace::{Brake, Lapse, Pace};
 use crate::port::{PcPort, PortEvent};
@@ -58,7 +59,7 @@ pub struct Left {
     /// What has become of boards' processes.
     pub incidents: Vec<Incident>,
     /// The faults that have broken nothing.
-    pub unfired: Vec<String>,
+    pub unfired: Vec<Unfired>,
 }
 
 impl Live {

@@ -7,7 +7,7 @@ use torno_protocol::time::{Instant, Span};
 
 use super::{Action, Failure, Scenario, Step};
 use crate::condition::{Claim, Condition, is_reply};
-use crate::fault::Fault;
+use crate::fault::{Fault, Unfired};
 use crate::recorder::Recorder;
 use crate::rig::{Driver, Rig};
 use crate::session::{Exchange, Happened, Session, SessionError};
@@ -487,8 +487,8 @@ impl<'a> Conductor<'a> {
                 self.failures.push(*failure);
             }
         }
-        for name in self.session.unfired() {
-            let failure = self.failure(None, &format!("the fault '{name}'"), "it never fired".to_owned(), None);
+        for Unfired { name, cause } in self.session.unfired() {
+            let failure = self.failure(None, &format!("the fault '{name}'"), cause.to_string(), None);
             self.failures.push(*failure);
         }
     }
