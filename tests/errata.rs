@@ -20,7 +20,9 @@ fn every_command_on_the_page_prints_what_stands_below_it() {
     for block in blocks {
         let (command, expected) = block.split_once('\n').unwrap();
         let output = torno(&words(command)).current_dir(ROOT).output().unwrap();
-        assert!(output.status.success(), "{command}: {}", String::from_utf8_lossy(&output.stderr));
+        // A figure of the paper that does not hold is a failure.
+        let ended = matches!(output.status.code(), Some(0 | 1));
+        assert!(ended, "{command}: {}", String::from_utf8_lossy(&output.stderr));
         let text = String::from_utf8(output.stdout).unwrap();
         let mut lines = text.lines();
         for line in expected.lines() {

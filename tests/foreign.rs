@@ -11,7 +11,7 @@ use torno::fault;
 use torno::rig::file::{RigFile, RigFileError};
 use torno::rig::place;
 use torno::scenario::{Scenario, ScenarioError};
-use torno::sweep::{self, Run, SweepError, Variation};
+use torno::sweep::{self, Grid, Run, Shard, SweepError, Variation};
 use torno_bus::Names;
 use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{
@@ -168,7 +168,8 @@ fn variation(bytes: &[u8]) {
     match Variation::parse(&text) {
         Ok(variation) => {
             assert!((1..=10_000.max(text.len())).contains(&variation.values.len()));
-            assert_eq!(sweep::cells(std::slice::from_ref(&variation)).len(), variation.values.len());
+            let grid = Grid::new(vec![variation.clone()], 0, 1, Shard::WHOLE).unwrap();
+            assert_eq!(grid.runs(), variation.values.len() as u64);
         }
         Err(error @ SweepError::Variation { .. }) => assert!(error.to_string().contains(&text)),
         Err(other) => panic!("{other}"),

@@ -142,8 +142,8 @@ fn run(started: Instant) -> ExitCode {
             Command::Up(arguments) => arguments.run().await,
             Command::Ctl(arguments) => arguments.run(),
             Command::Send(arguments) => arguments.run(started).await,
-            Command::Test(arguments) => arguments.run(),
-            Command::Sweep(arguments) => arguments.run(),
+            Command::Test(arguments) => arguments.run().await,
+            Command::Sweep(arguments) => arguments.run().await,
             Command::Identify(arguments) => arguments.run().await,
             Command::Tune(arguments) => arguments.run().await,
             Command::Compare(arguments) => arguments.run().await,
@@ -273,4 +273,25 @@ fn ignored_signals() -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
     ignored.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or_default()
+}
+
+/// Does something in a thread of its own; None, if a signal came first. Then nobody waits for it: what it still does
+/// ends with the program.
+async fn unless_interrupted<T: Send + 'static>(act: impl FnOnce() -> T + Send + 'static) -> io::Result<Option<T>> {
+    let mut interrupt = Interrupt::listen()?;
+    let (done, is_done) = tokio::sync::oneshot::channel();
+    let thread = std::thread::spawn(move || drop(done.send(act())));
+    tokio::select! {
+        result = is_done => match result {
+            Ok(result) => Ok(Some(result)),
+            // It has panicked, and says why.
+            Err(_) => thread.join().map_or_else(|panic| std::panic::resume_unwind(panic), |()| Ok(None)),
+        },
+        () = interrupt.received() => Ok(None),
+    }
+}
+
+/// The processors, or one.
+fn processors() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
 }

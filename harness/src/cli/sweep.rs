@@ -1,19 +1,19 @@
 //! `torno sweep`
 
-use std::fmt;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::str::FromStr;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use anyhow::Context;
 use torno::observe::stderr::say;
 use torno::report::Bar;
 use torno::rig::Driver;
-use torno::scenario::{Scenario, Tested, run_all, seed_text, shell_word};
-use torno::session::SessionError;
-use torno::sweep::{Run, Scene, Table, Variation, Verdict, Whole, cells, merge, shrink};
+use torno::scenario::{Tested, in_order, run_one, seed_text, shell_word};
+use torno::session::INTERRUPTED as ENDED;
+use torno::sweep::{Grid, Job, Run, Scene, Shard, Table, Variation, Verdict, Whole, merge, shrink};
 
-use super::{FAILED, USAGE, print};
+use super::{FAILED, INTERRUPTED, USAGE, print, processors, unless_interrupted};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -34,7 +34,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
     /// Does only part I of N, for another machine to do the others
-    #[arg(long, value_name = "I/N", conflicts_with = "merge")]
+    #[arg(long, value_name = "I/N", conflicts_with = "merge", value_parser = shard)]
     shard: Option<Shard>,
     /// Puts the results of all shards (of --json) into one table
     #[arg(long, conflicts_with_all = ["seeds", "vary", "jobs"])]
@@ -42,100 +42,173 @@ pub(super) struct Arguments {
     /// Prints the table as CSV
     #[arg(long, conflicts_with = "json")]
     csv: bool,
-    /// Prints a line of JSON for each run
+    /// Prints a line of JSON for each run, as soon as it and all before it are done; the table goes to standard error
     #[arg(long)]
     json: bool,
 }
 
-/// Part `part` of `of`, from 1.
-#[derive(Clone, Copy, Debug)]
-struct Shard {
-    part: u64,
-    of: u64,
-}
-
-impl FromStr for Shard {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let numbers = text.split_once('/').and_then(|(part, of)| Some((part.parse().ok()?, of.parse().ok()?)));
-        match numbers {
-            Some((part, of)) if (1..=of).contains(&part) => Ok(Self { part, of }),
-            _ => Err("expected I/N, with I from 1 to N".to_owned()),
-        }
+fn shard(text: &str) -> Result<Shard, String> {
+    let numbers = text.split_once('/').and_then(|(part, of)| Some((part.parse().ok()?, of.parse().ok()?)));
+    match numbers {
+        Some((part, of)) if (1..=of).contains(&part) => Ok(Shard { part, of }),
+        _ => Err("expected I/N, with I from 1 to N".to_owned()),
     }
 }
 
-impl fmt::Display for Shard {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}/{}", self.part, self.of)
-    }
+/// What is done, and how.
+struct Work {
+    path: String,
+    scene: Scene,
+    grid: Grid,
+    sweep: Whole,
+    threads: usize,
+    json: bool,
+    bar: Bar,
+    so_far: Mutex<SoFar>,
 }
 
-/// A run that is to be done.
-struct Job {
-    number: u64,
-    values: Vec<(String, String)>,
-    seed: u64,
+/// What has come of the sweep so far.
+#[derive(Default)]
+struct SoFar {
+    table: Table,
+    /// Its runs.
+    done: u64,
+    /// The first run that failed, and the first that was inconclusive.
+    firsts: [Option<(Job, Tested)>; 2],
+    /// Why it cannot go on.
+    error: Option<anyhow::Error>,
+    /// Nobody waits for more of it.
+    over: bool,
 }
 
 impl Arguments {
-    pub(super) fn run(self) -> anyhow::Result<ExitCode> {
+    pub(super) async fn run(mut self) -> anyhow::Result<ExitCode> {
         if self.merge {
-            let runs = self.files.iter().map(|path| read(path)).collect::<anyhow::Result<Vec<_>>>()?.concat();
-            let (runs, missing) = merge(runs)?;
-            let told = self.tell(&runs, None)?;
-            let Some(missing) = missing else { return Ok(told) };
-            say(&format!("torno: --merge: {missing}\n"));
-            return Ok(ExitCode::from(USAGE));
+            return self.put_together();
         }
         let [path] = &self.files[..] else { anyhow::bail!("expected one scenario, found {}", self.files.len()) };
         let scene = Scene::load(path)?;
         let variations = self.vary.iter().map(|text| Variation::parse(text)).collect::<Result<Vec<_>, _>>()?;
-        let cells = cells(&variations);
-        let seeds = self.seed.map_or(self.seeds, |_| 1);
-        let runs = seeds.saturating_mul(cells.len() as u64);
-        let sweep = Whole { files: scene.digest(), seeds, vary: self.vary.clone(), runs };
-        let jobs = self.jobs(&cells);
-        let scenarios = jobs.iter().map(|job| scene.with(&job.values, job.seed)).collect::<Result<Vec<_>, _>>()?;
-        let named: Vec<(String, Scenario)> =
-            scenarios.into_iter().map(|scenario| (path.display().to_string(), scenario)).collect();
-        let bar = Bar::of_scenarios(named.len());
-        let threads =
-            self.jobs.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
-        let tested = run_all(&named, &Driver::InProcess, threads, |done| bar.count(done));
-        bar.clear();
-        let tested: Vec<Tested> = tested.into_iter().collect::<Result<_, SessionError>>()?;
-        let runs: Vec<Run> = jobs.iter().zip(&tested).map(|(job, tested)| record(&sweep, job, tested)).collect();
-        let failed = runs.iter().position(|run| run.verdict != Verdict::Passed);
-        let why = failed.map(|first| why(&scene, &jobs[first], &tested[first])).transpose()?;
-        self.tell(&runs, why.as_deref())
+        let (first_seed, seeds) = self.seed.map_or((0, self.seeds), |seed| (seed, 1));
+        let grid = Grid::new(variations, first_seed, seeds, self.shard.unwrap_or(Shard::WHOLE))?;
+        // What is wrong with a value is told before anything runs; what is wrong with several together, when it runs.
+        grid.each_value().try_for_each(|values| scene.with(&values, first_seed).map(drop))?;
+        let vary = std::mem::take(&mut self.vary);
+        let work = Arc::new(Work {
+            path: path.display().to_string(),
+            sweep: Whole { files: scene.digest(), seeds, vary, runs: grid.runs() },
+            threads: self.jobs.map_or_else(processors, usize::from),
+            json: self.json,
+            bar: Bar::of_scenarios(grid.ours()),
+            so_far: Mutex::default(),
+            scene,
+            grid,
+        });
+        let doing = Arc::clone(&work);
+        let why = unless_interrupted(move || doing.run()).await?;
+        work.bar.clear();
+        let mut so_far = work.so_far();
+        so_far.over = true;
+        self.tell(&so_far.table, why.as_deref().unwrap_or_default())?;
+        if let Some(error) = so_far.error.take() {
+            return Err(error);
+        }
+        if why.is_none() {
+            say(&format!("torno: {ENDED}: {} of {} runs are done\n", so_far.done, work.grid.ours()));
+            return Ok(ExitCode::from(INTERRUPTED));
+        }
+        Ok(verdict(&so_far.table))
     }
 
-    fn seeds_of_each(&self) -> std::ops::Range<u64> {
-        self.seed.map_or(0..self.seeds, |seed| seed..seed.saturating_add(1))
+    fn put_together(&self) -> anyhow::Result<ExitCode> {
+        let runs = self.files.iter().map(|path| read(path)).collect::<anyhow::Result<Vec<_>>>()?.concat();
+        let (runs, missing) = merge(runs)?;
+        if self.json {
+            runs.iter().try_for_each(print_run)?;
+        }
+        let table = Table::new(&runs);
+        self.tell(&table, "")?;
+        let Some(missing) = missing else { return Ok(verdict(&table)) };
+        say(&format!("torno: --merge: {missing}\n"));
+        Ok(ExitCode::from(USAGE))
     }
 
-    /// What this shard is to do.
-    fn jobs(&self, cells: &[Vec<(String, String)>]) -> Vec<Job> {
-        let all = cells.iter().flat_map(|values| self.seeds_of_each().map(move |seed| (values, seed)));
-        let shard = self.shard.unwrap_or(Shard { part: 1, of: 1 });
-        let ours = (0..).zip(all).filter(|(number, _)| number % shard.of == shard.part - 1);
-        ours.map(|(number, (values, seed))| Job { number, values: values.clone(), seed }).collect()
+    /// Prints the table; beside lines of JSON, where it is none of them.
+    fn tell(&self, table: &Table, why: &str) -> anyhow::Result<()> {
+        match (self.json, self.csv) {
+            (true, _) => say(&(table.text() + why)),
+            (_, true) => print(&table.csv())?,
+            _ => print(&(table.text() + why))?,
+        }
+        Ok(())
+    }
+}
+
+fn verdict(table: &Table) -> ExitCode {
+    if table.passed() { ExitCode::SUCCESS } else { ExitCode::from(FAILED) }
+}
+
+fn print_run(run: &Run) -> anyhow::Result<()> {
+    print(&(serde_json::to_string(run)? + "\n"))
+}
+
+impl Work {
+    fn so_far(&self) -> MutexGuard<'_, SoFar> {
+        self.so_far.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn tell(&self, runs: &[Run], why: Option<&str>) -> anyhow::Result<ExitCode> {
-        let passed = runs.iter().all(|run| run.verdict == Verdict::Passed);
-        let text = match (self.json, self.csv) {
-            (true, _) => {
-                runs.iter().map(|run| Ok(serde_json::to_string(run)? + "\n")).collect::<anyhow::Result<_>>()?
-            }
-            (_, true) => Table::new(runs).csv(),
-            _ => Table::new(runs).text() + why.unwrap_or_default(),
+    /// Does all runs. Gives what explains the first that did not pass.
+    fn run(&self) -> String {
+        let act = |n| {
+            let tested = self.test(&self.grid.job(n));
+            self.bar.count();
+            tested
         };
-        print(&text)?;
-        // A table of what fails is a result; a single combination is a test.
-        Ok(if passed || !self.vary.is_empty() || self.merge { ExitCode::SUCCESS } else { ExitCode::from(FAILED) })
+        in_order(self.grid.ours(), self.threads, act, |n, tested| self.see(self.grid.job(n), tested));
+        let [failed, inconclusive] = std::mem::take(&mut self.so_far().firsts);
+        match (failed, inconclusive) {
+            (Some((job, tested)), _) => why(&self.scene, &job, &tested).unwrap_or_else(|error| {
+                self.so_far().error.get_or_insert(error);
+                String::new()
+            }),
+            (None, Some((job, tested))) => told("inconclusive", "", &job, &tested),
+            (None, None) => String::new(),
+        }
+    }
+
+    fn test(&self, job: &Job) -> anyhow::Result<Tested> {
+        let scenario = self.scene.with(&job.values, job.seed)?;
+        Ok(run_one(&self.path, &scenario, &Driver::InProcess, None)?)
+    }
+
+    /// Takes note of what came of a run.
+    fn see(&self, job: Job, tested: anyhow::Result<Tested>) -> ControlFlow<()> {
+        let mut so_far = self.so_far();
+        if so_far.over {
+            return ControlFlow::Break(());
+        }
+        let noted = tested.and_then(|tested| {
+            let run = record(&self.sweep, &job, &tested);
+            if self.json {
+                self.bar.suspend(|| print_run(&run))?;
+            }
+            so_far.table.add(&run);
+            so_far.done += 1;
+            let [failed, inconclusive] = &mut so_far.firsts;
+            match run.verdict {
+                Verdict::Passed => {}
+                Verdict::Told | Verdict::Untold => drop(failed.get_or_insert((job, tested))),
+                Verdict::Inconclusive => drop(inconclusive.get_or_insert((job, tested))),
+            }
+            Ok(())
+        });
+        match noted {
+            Ok(()) => ControlFlow::Continue(()),
+            Err(error) => {
+                so_far.error = Some(error);
+                ControlFlow::Break(())
+            }
+        }
     }
 }
 
@@ -148,7 +221,7 @@ fn record(sweep: &Whole, job: &Job, tested: &Tested) -> Run {
         values: job.values.clone(),
         seed: job.seed,
         verdict: Verdict::of(outcome),
-        failure: outcome.failures.first().map(|f| format!("expected {}, came {}", f.expected, f.came)),
+        failure: outcome.first_failure().map(|f| format!("expected {}, came {}", f.expected, f.came)),
         digest: outcome.digest.to_string(),
     }
 }
@@ -160,16 +233,20 @@ fn why(scene: &Scene, job: &Job, tested: &Tested) -> anyhow::Result<String> {
         let without: Vec<String> = all.iter().filter(|fault| !faults.contains(fault)).cloned().collect();
         // Without its faults there may be nothing left in it.
         let Ok(scenario) = scene.without(&without).with(&job.values, job.seed) else { return Ok(false) };
-        let tested = run_all(&[(tested.path.clone(), scenario)], &Driver::InProcess, 1, |_| ());
-        Ok(tested.into_iter().collect::<Result<Vec<_>, _>>()?.iter().any(|tested| !tested.outcome.failures.is_empty()))
+        Ok(Verdict::of(&run_one(&tested.path, &scenario, &Driver::InProcess, None)?.outcome).is_failure())
     };
     let needed = shrink(&all, fails)?;
-    let values: Vec<String> = job.values.iter().map(|(path, value)| format!("{path} = {value}, ")).collect();
     let faults =
-        if needed.is_empty() { "even without a fault".to_owned() } else { format!("by {}", needed.join(", ")) };
+        if needed.is_empty() { ", even without a fault".to_owned() } else { format!(", by {}", needed.join(", ")) };
+    Ok(told("failure", &faults, job, tested))
+}
+
+/// What is told of the first run that did not pass.
+fn told(what: &str, by: &str, job: &Job, tested: &Tested) -> String {
+    let values: String = job.values.iter().map(|(path, value)| format!("{path} = {value}, ")).collect();
     let failures: Vec<String> = tested.outcome.failures.iter().map(ToString::to_string).collect();
     let (seed, again, failures) = (seed_text(job.seed, &tested.drawn), again(job, tested), failures.join("\n"));
-    Ok(format!("\nfirst failure: {}seed {seed}, {faults}\n{failures}\n  again     {again}\n", values.concat()))
+    format!("\nfirst {what}: {values}seed {seed}{by}\n{failures}\n  again     {again}\n")
 }
 
 /// The command that runs it again.

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::Context;
 use torno::recorder::Recorder;
 use torno::report::Bar;
-use torno::scenario::{Scenario, TestReport, run_all, run_recorded, seed_text};
+use torno::scenario::{Scenario, TestReport, run_all, run_one, seed_text};
 use torno::session::SessionError;
 
 use super::options::Placement;
@@ -38,7 +38,7 @@ pub(super) struct Arguments {
 }
 
 impl Arguments {
-    pub(super) fn run(self) -> anyhow::Result<ExitCode> {
+    pub(super) async fn run(self) -> anyhow::Result<ExitCode> {
         let mut scenarios = Vec::new();
         for path in files(&self.scenarios)? {
             let scenario = Scenario::load(&path, self.seed)?;
@@ -52,10 +52,10 @@ impl Arguments {
             print(&random.map(line).collect::<String>())?;
         }
         let jobs = self.jobs.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
-        let bar = Bar::of_scenarios(scenarios.len());
+        let bar = Bar::of_scenarios(scenarios.len() as u64);
         let tested = match (&scenarios[..], recorder) {
-            ([(path, scenario)], Some(recorder)) => vec![run_recorded(path, scenario, &driver, recorder)],
-            _ => run_all(&scenarios, &driver, jobs, |done| bar.count(done)),
+            ([(path, scenario)], Some(recorder)) => vec![alone(|| run_one(path, scenario, &driver, Some(recorder)))],
+            _ => run_all(&scenarios, &driver, jobs, || bar.count()),
         };
         bar.clear();
         let report = TestReport::new(tested.into_iter().collect::<Result<Vec<_>, SessionError>>()?);
@@ -65,6 +65,11 @@ impl Arguments {
         if self.json { print(&report.json()?) } else { print_text(&report) }?;
         Ok(if report.passed() { ExitCode::SUCCESS } else { ExitCode::from(FAILED) })
     }
+}
+
+/// Does something in a thread of its own: here is a runtime.
+fn alone<T: Send>(act: impl FnOnce() -> T + Send) -> T {
+    std::thread::scope(|scope| scope.spawn(act).join()).unwrap_or_else(|panic| std::panic::resume_unwind(panic))
 }
 
 /// A recording of the one scenario.

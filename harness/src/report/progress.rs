@@ -30,14 +30,19 @@ impl Bar {
 
     /// A bar for so many scenarios.
     #[expect(clippy::disallowed_methods, reason = "a bar shows wall time")]
-    pub fn of_scenarios(scenarios: usize) -> Self {
-        let bar = drawn(ProgressBar::new(scenarios as u64), "scenario {pos} of {len} {bar:32.cyan/blue}");
+    pub fn of_scenarios(scenarios: u64) -> Self {
+        let bar = drawn(ProgressBar::new(scenarios), "scenario {pos} of {len} {bar:32.cyan/blue} {msg}");
         Self { bar, wall: std::time::Instant::now() }
     }
 
-    /// So many are done.
-    pub fn count(&self, done: usize) {
-        self.bar.set_position(done as u64);
+    /// One more scenario is done.
+    pub fn count(&self) {
+        if self.bar.is_hidden() {
+            return;
+        }
+        self.bar.inc(1);
+        let (done, of) = (self.bar.position(), self.bar.length().unwrap_or_default());
+        self.bar.set_message(left(done, of, self.wall.elapsed()));
     }
 
     /// So many frames have been executed by `now`, in virtual time if that is known.
@@ -62,6 +67,20 @@ impl Bar {
     /// Takes the bar away.
     pub fn clear(&self) {
         self.bar.finish_and_clear();
+    }
+}
+
+/// How long the rest of `of` things takes, if `done` of them took so long. Nothing before the first: it would be a guess.
+fn left(done: u64, of: u64, took: Duration) -> String {
+    if done == 0 {
+        return String::new();
+    }
+    let seconds = (took.as_secs_f64() / done as f64 * of.saturating_sub(done) as f64).round() as u64;
+    let (hours, minutes, seconds) = (seconds / 3600, seconds / 60 % 60, seconds % 60);
+    match (hours, minutes) {
+        (0, 0) => format!("{seconds} s left"),
+        (0, _) => format!("{minutes} min {seconds} s left"),
+        _ => format!("{hours} h {minutes} min left"),
     }
 }
 
@@ -93,5 +112,20 @@ impl Status {
 impl Default for Status {
     fn default() -> Self {
         Self::new()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_left_takes_as_long_for_each_as_what_is_done() {
+        let left = |done, of, ms| left(done, of, Duration::from_millis(ms));
+        assert_eq!(left(0, 600, 5_000), "");
+        assert_eq!(left(9, 600, 900), "59 s left");
+        assert_eq!(left(100, 600, 30_000), "2 min 30 s left");
+        assert_eq!(left(1, 600, 60_000), "9 h 59 min left");
+        assert_eq!(left(600, 600, 60_000), "0 s left");
     }
 }

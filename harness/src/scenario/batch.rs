@@ -1,8 +1,9 @@
 //! Many scenarios at once.
 
-use std::sync::Mutex;
-use std::sync::PoisonError;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::collections::BTreeMap;
+use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 use super::Tested;
 use super::{Scenario, record};
@@ -10,52 +11,59 @@ use crate::recorder::Recorder;
 use crate::rig::{Driver, RigError};
 use crate::session::{SessionError, in_process};
 
-/// Runs all, `jobs` at once; `done` hears how many are. The results are in the order of the scenarios, which come with
-/// their files' names.
-pub fn run_all(
-    scenarios: &[(String, Scenario)],
-    driver: &Driver,
-    jobs: usize,
-    done: impl Fn(usize) + Sync,
-) -> Vec<Result<Tested, SessionError>> {
-    let next = AtomicUsize::new(0);
-    let results: Mutex<Vec<(usize, Result<Tested, SessionError>)>> = Mutex::new(Vec::new());
-    std::thread::scope(|scope| {
-        for _ in 0..jobs.min(scenarios.len()) {
-            scope.spawn(|| {
-                loop {
-                    let place = next.fetch_add(1, Ordering::Relaxed);
-                    let Some((path, scenario)) = scenarios.get(place) else { break };
-                    let tested = run_one(path, scenario, driver, None);
-                    let mut results = results.lock().unwrap_or_else(PoisonError::into_inner);
-                    results.push((place, tested));
-                    done(results.len());
-                }
-            });
-        }
-    });
-    let mut results = results.into_inner().unwrap_or_else(PoisonError::into_inner);
-    results.sort_by_key(|(place, _)| *place);
-    results.into_iter().map(|(_, tested)| tested).collect()
+/// What has been done, on its way to whoever sees it.
+struct Queue<R, S> {
+    /// Results that others have to come before.
+    early: BTreeMap<u64, R>,
+    /// The number of the next that is seen.
+    next: u64,
+    see: S,
 }
 
-/// Runs one, and records it.
+/// Does `count` things, `jobs` at once. Shows `see` what came of each with its number, in the order of the numbers, as
+/// soon as that and all before it are done; `see` says whether to go on.
+pub fn in_order<R: Send>(
+    count: u64,
+    jobs: usize,
+    act: impl Fn(u64) -> R + Sync,
+    see: impl FnMut(u64, R) -> ControlFlow<()> + Send,
+) {
+    let (next, stop) = (AtomicU64::new(0), AtomicBool::new(false));
+    let queue = Mutex::new(Queue { early: BTreeMap::new(), next: 0, see });
+    let work = || {
+        while !stop.load(Ordering::Relaxed) {
+            let number = next.fetch_add(1, Ordering::Relaxed);
+            if number >= count {
+                break;
+            }
+            let result = act(number);
+            let mut queue = queue.lock().unwrap_or_else(PoisonError::into_inner);
+            let queue = &mut *queue;
+            queue.early.insert(number, result);
+            while !stop.load(Ordering::Relaxed)
+                && let Some(result) = queue.early.remove(&queue.next)
+            {
+                if (queue.see)(queue.next, result).is_break() {
+                    stop.store(true, Ordering::Relaxed);
+                }
+                queue.next += 1;
+            }
+        }
+    };
+    std::thread::scope(|scope| {
+        for _ in 0..count.min(jobs as u64) {
+            scope.spawn(work);
+        }
+    });
+}
+
+/// Runs one, from a file of this name, and records it if that is wanted. Where boards are processes, not to be called
+/// from within a runtime.
 ///
 /// # Errors
 /// [`SessionError`] if the rig itself breaks, or the recording cannot go on.
-pub fn run_recorded(
-    path: &str,
-    scenario: &Scenario,
-    driver: &Driver,
-    recorder: Recorder,
-) -> Result<Tested, SessionError> {
-    let run = || run_one(path, scenario, driver, Some(recorder));
-    // In a thread of its own, as all: whoever asks may be in a runtime.
-    std::thread::scope(|scope| scope.spawn(run).join()).unwrap_or_else(|panic| std::panic::resume_unwind(panic))
-}
-
 #[expect(clippy::disallowed_methods, reason = "how long a scenario takes is told beside its result")]
-fn run_one(
+pub fn run_one(
     path: &str,
     scenario: &Scenario,
     driver: &Driver,
@@ -72,4 +80,69 @@ fn run_one(
     };
     let (path, name, seed, drawn) = (path.to_owned(), scenario.name.clone(), scenario.seed, scenario.drawn.clone());
     Ok(Tested { path, name, seed, drawn, outcome, wall: started.elapsed() })
+}
+
+/// Runs all, `jobs` at once; `done` hears of each. The results are in the order of the scenarios, which come with
+/// their files' names.
+pub fn run_all(
+    scenarios: &[(String, Scenario)],
+    driver: &Driver,
+    jobs: usize,
+    done: impl Fn() + Sync,
+) -> Vec<Result<Tested, SessionError>> {
+    let next = std::sync::atomic::AtomicUsize::new(0);
+    let results: Mutex<Vec<(usize, Result<Tested, SessionError>)>> = Mutex::new(Vec::new());
+    std::thread::scope(|scope| {
+        for _ in 0..jobs.min(scenarios.len()) {
+            scope.spawn(|| {
+                loop {
+                    let place = next.fetch_add(1, Ordering::Relaxed);
+                    let Some((path, scenario)) = scenarios.get(place) else { break };
+                    let tested = run_one(path, scenario, driver, None);
+                    let mut results = results.lock().unwrap_or_else(PoisonError::into_inner);
+                    results.push((place, tested));
+                    done();
+                }
+            });
+        }
+    });
+    let mut results = results.into_inner().unwrap_or_else(PoisonError::into_inner);
+    results.sort_by_key(|(place, _)| *place);
+    results.into_iter().map(|(_, tested)| tested).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The later, the sooner done.
+    fn slowest_first(number: u64) -> u64 {
+        std::thread::sleep(std::time::Duration::from_millis(10 - number));
+        number * number
+    }
+
+    #[test]
+    fn results_come_in_their_order_whatever_is_done_first() {
+        for jobs in [1, 3, 20] {
+            let mut seen = Vec::new();
+            in_order(10, jobs, slowest_first, |number, result| {
+                seen.push((number, result));
+                ControlFlow::Continue(())
+            });
+            assert_eq!(seen, (0..10).map(|number| (number, number * number)).collect::<Vec<_>>(), "{jobs}");
+        }
+        in_order(0, 3, |_| (), |_, ()| panic!("there is nothing to see"));
+    }
+
+    #[test]
+    fn nothing_is_seen_after_the_one_that_ends_it() {
+        for jobs in [1, 3, 20] {
+            let mut seen = Vec::new();
+            in_order(10, jobs, slowest_first, |number, _| {
+                seen.push(number);
+                if number == 4 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            });
+            assert_eq!(seen, [0, 1, 2, 3, 4], "{jobs}");
+        }
+    }
 }

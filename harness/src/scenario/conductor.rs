@@ -24,7 +24,7 @@ const REMEMBERED: usize = 64;
 /// How a scenario ended.
 #[derive(Clone, Debug)]
 pub struct Outcome {
-    /// What did not hold; nothing, if it passed.
+    /// What did not hold, and the faults that have not fired; nothing, if it passed.
     pub failures: Vec<Failure>,
     /// The digest of everything that happened.
     pub digest: String,
@@ -32,6 +32,48 @@ pub struct Outcome {
     pub end: Instant,
     /// What the PC heard.
     pub replies: Vec<String>,
+}
+
+/// What a scenario has shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// Everything held.
+    Passed,
+    /// Something did not.
+    Failed,
+    /// Nothing failed, but a fault has not fired: what was to be shown has not been.
+    Inconclusive,
+}
+
+impl Verdict {
+    /// The word for it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Passed => "passed",
+            Self::Failed => "failed",
+            Self::Inconclusive => "inconclusive",
+        }
+    }
+
+    fn of(failures: &[Failure]) -> Self {
+        match failures {
+            [] => Self::Passed,
+            failures if failures.iter().any(|failure| failure.conclusive) => Self::Failed,
+            _ => Self::Inconclusive,
+        }
+    }
+}
+
+impl Outcome {
+    /// What it has shown.
+    pub fn verdict(&self) -> Verdict {
+        Verdict::of(&self.failures)
+    }
+
+    /// The failure that is told first: one that shows something, if there is one.
+    pub fn first_failure(&self) -> Option<&Failure> {
+        self.failures.iter().find(|failure| failure.conclusive).or(self.failures.first())
+    }
 }
 
 /// Runs a scenario.
@@ -385,6 +427,7 @@ impl<'a> Conductor<'a> {
             at: self.now,
             board: node.map(|node| self.rig().nodes()[node].name.clone()),
             context: self.context(self.now).collect(),
+            conclusive: true,
         })
     }
 
@@ -413,8 +456,7 @@ impl<'a> Conductor<'a> {
             self.check_end();
         }
         self.check_part(passed);
-        let outcome = if self.failures.is_empty() { "passed" } else { "failed" };
-        let ended = self.session.close(end, outcome)?;
+        let ended = self.session.close(end, Verdict::of(&self.failures).name())?;
         Ok(Outcome { failures: self.failures, digest: ended.end.digest, end, replies: self.replies })
     }
 
@@ -489,7 +531,7 @@ impl<'a> Conductor<'a> {
         }
         for Unfired { name, cause } in self.session.unfired() {
             let failure = self.failure(None, &format!("the fault '{name}'"), cause.to_string(), None);
-            self.failures.push(*failure);
+            self.failures.push(Failure { conclusive: false, ..*failure });
         }
     }
 }

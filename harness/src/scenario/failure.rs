@@ -19,6 +19,8 @@ pub struct Failure {
     pub board: Option<String>,
     /// What was said and what happened before it, oldest first.
     pub context: Vec<String>,
+    /// Whether it shows that something does not hold. A fault that has not fired shows nothing.
+    pub conclusive: bool,
 }
 
 impl fmt::Display for Failure {

@@ -12,8 +12,8 @@ mod part;
 pub mod prose;
 mod tested;
 
-pub use batch::{run_all, run_recorded};
-pub use conductor::{Outcome, record, run, run_in_slices};
+pub use batch::{in_order, run_all, run_one};
+pub use conductor::{Outcome, Verdict, record, run, run_in_slices};
 pub use failure::Failure;
 pub use file::ScenarioError;
 pub use part::{Diameter, PartExpected};

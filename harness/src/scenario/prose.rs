@@ -203,7 +203,7 @@ impl Prose {
 
     fn tested(&self) -> Result<Tested, Box<dyn Error>> {
         let named = [(self.name.clone(), self.scenario()?)];
-        let mut tested = run_all(&named, &Driver::InProcess, 1, |_| ()).into_iter().collect::<Result<Vec<_>, _>>()?;
+        let mut tested = run_all(&named, &Driver::InProcess, 1, || ()).into_iter().collect::<Result<Vec<_>, _>>()?;
         Ok(tested.remove(0))
     }
 

@@ -174,7 +174,7 @@ fn line(tested: &Tested) -> Line<'_> {
         path,
         seed: *seed,
         drawn: drawn.iter().map(|(place, value)| (place.as_str(), value.as_str())).collect(),
-        outcome: if outcome.failures.is_empty() { "passed" } else { "failed" },
+        outcome: outcome.verdict().name(),
         virtual_s: outcome.end.as_secs_f64(),
         wall_s: wall.as_secs_f64(),
         digest: outcome.digest.to_string(),

@@ -1,11 +1,12 @@
 //! What came of a sweep: how often each outcome came, for each combination of values.
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use serde::{Deserialize, Serialize};
 
 use super::Run;
-use crate::scenario::Outcome;
+use crate::scenario::{Outcome, Verdict as Shown};
 
 /// How a run of a sweep ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -17,17 +18,25 @@ pub enum Verdict {
     Told,
     /// Something did not, and nobody was told.
     Untold,
+    /// Nothing failed, but a fault has not fired.
+    Inconclusive,
 }
 
 impl Verdict {
     /// Of a scenario's outcome.
     pub fn of(outcome: &Outcome) -> Self {
         let told = |reply: &String| reply.starts_with("NAK") || reply.starts_with("CAN");
-        match outcome.failures.is_empty() {
-            true => Self::Passed,
-            false if outcome.replies.iter().any(told) => Self::Told,
-            false => Self::Untold,
+        match outcome.verdict() {
+            Shown::Passed => Self::Passed,
+            Shown::Inconclusive => Self::Inconclusive,
+            Shown::Failed if outcome.replies.iter().any(told) => Self::Told,
+            Shown::Failed => Self::Untold,
         }
+    }
+
+    /// Whether something did not hold.
+    pub const fn is_failure(self) -> bool {
+        matches!(self, Self::Told | Self::Untold)
     }
 }
 
@@ -35,41 +44,53 @@ impl Verdict {
 #[derive(Clone, Debug, Default)]
 pub struct Table {
     columns: Vec<String>,
-    rows: Vec<(Vec<String>, [u64; 3])>,
+    rows: Vec<(Vec<String>, [u64; 4])>,
+    places: BTreeMap<Vec<String>, usize>,
 }
 
 impl Table {
     /// Of these runs, in the order of their first appearance.
     pub fn new(runs: &[Run]) -> Self {
         let mut table = Self::default();
-        for run in runs {
-            let values: Vec<String> = run.values.iter().map(|(_, value)| value.clone()).collect();
-            table.columns = run.values.iter().map(|(path, _)| path.clone()).collect();
-            let row = match table.rows.iter().position(|(other, _)| *other == values) {
-                Some(row) => row,
-                None => {
-                    table.rows.push((values, [0; 3]));
-                    table.rows.len() - 1
-                }
-            };
-            table.rows[row].1[run.verdict as usize] += 1;
-        }
+        runs.iter().for_each(|run| table.add(run));
         table
     }
 
-    fn cells(&self) -> Vec<Vec<String>> {
-        let heads = ["runs", "passed", "told", "untold"].map(str::to_owned);
-        let head = self.columns.iter().cloned().chain(heads).collect();
-        let row = |(values, counts): &(Vec<String>, [u64; 3])| {
+    /// Counts one more.
+    pub fn add(&mut self, run: &Run) {
+        let values: Vec<String> = run.values.iter().map(|(_, value)| value.clone()).collect();
+        let row = match self.places.get(&values) {
+            Some(row) => *row,
+            None => {
+                self.columns = run.values.iter().map(|(path, _)| path.clone()).collect();
+                self.places.insert(values.clone(), self.rows.len());
+                self.rows.push((values, [0; 4]));
+                self.rows.len() - 1
+            }
+        };
+        self.rows[row].1[run.verdict as usize] += 1;
+    }
+
+    /// Whether each combination of values has passed at least once, and none has failed.
+    pub fn passed(&self) -> bool {
+        self.rows.iter().all(|(_, [passed, told, untold, _])| *passed > 0 && told + untold == 0)
+    }
+
+    fn cells(&self, verdicts: usize) -> Vec<Vec<String>> {
+        let heads = ["runs", "passed", "told", "untold", "inconclusive"].map(str::to_owned);
+        let head = self.columns.iter().cloned().chain(heads.into_iter().take(1 + verdicts)).collect();
+        let row = |(values, counts): &(Vec<String>, [u64; 4])| {
             let total = counts.iter().sum::<u64>();
-            values.iter().cloned().chain([total].iter().chain(counts).map(u64::to_string)).collect()
+            values.iter().cloned().chain([total].iter().chain(&counts[..verdicts]).map(u64::to_string)).collect()
         };
         core::iter::once(head).chain(self.rows.iter().map(row)).collect()
     }
 
-    /// Aligned, for people. `told`: something failed and the PC heard of it; `untold`: it did not.
+    /// Aligned, for people. `told`: something failed and the PC heard of it; `untold`: it did not. The column
+    /// `inconclusive` stands there if there is something in it.
     pub fn text(&self) -> String {
-        let cells = self.cells();
+        let inconclusive = self.rows.iter().any(|(_, counts)| counts[Verdict::Inconclusive as usize] > 0);
+        let cells = self.cells(if inconclusive { 4 } else { 3 });
         let columns = cells.first().map_or(0, Vec::len);
         let width = |column: usize| cells.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
         let widths: Vec<usize> = (0..columns).map(width).collect();
@@ -84,7 +105,7 @@ impl Table {
     /// As CSV.
     pub fn csv(&self) -> String {
         let quoted = |cell: &String| if cell.contains([',', '"']) { format!("{cell:?}") } else { cell.clone() };
-        self.cells().iter().map(|row| row.iter().map(quoted).collect::<Vec<_>>().join(",") + "\n").collect()
+        self.cells(4).iter().map(|row| row.iter().map(quoted).collect::<Vec<_>>().join(",") + "\n").collect()
     }
 }
 
@@ -104,7 +125,23 @@ mod tests {
     fn a_row_counts_the_verdicts_of_one_combination() {
         let runs = [run("1 %", Verdict::Passed), run("2 %", Verdict::Told), run("1 %", Verdict::Untold)];
         let table = Table::new(&runs);
-        assert_eq!(table.csv(), "fault.x.value,runs,passed,told,untold\n1 %,2,1,0,1\n2 %,1,0,1,0\n");
+        assert_eq!(table.csv(), "fault.x.value,runs,passed,told,untold,inconclusive\n1 %,2,1,0,1,0\n2 %,1,0,1,0,0\n");
         assert_eq!(table.text().lines().nth(1), Some("          1 %     2       1     0       1"));
+        let table = Table::new(&[&runs[..], &[run("2 %", Verdict::Inconclusive)]].concat());
+        assert_eq!(table.text().lines().nth(2), Some("          2 %     2       0     1       0             1"));
+    }
+
+    #[test]
+    fn every_row_must_pass_once_and_never_fail() {
+        use Verdict::{Inconclusive, Passed, Told, Untold};
+        let passed = |runs: &[(&str, Verdict)]| {
+            Table::new(&runs.iter().map(|(value, verdict)| run(value, *verdict)).collect::<Vec<_>>()).passed()
+        };
+        assert!(passed(&[]));
+        assert!(passed(&[("1 %", Passed), ("2 %", Passed)]));
+        assert!(passed(&[("1 %", Inconclusive), ("1 %", Passed)]));
+        assert!(!passed(&[("1 %", Inconclusive), ("2 %", Passed)]));
+        assert!(!passed(&[("1 %", Passed), ("1 %", Told)]));
+        assert!(!passed(&[("1 %", Untold), ("2 %", Passed)]));
     }
 }

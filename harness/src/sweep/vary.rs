@@ -5,6 +5,7 @@ use std::path::Path;
 use toml::{Table, Value};
 use xxhash_rust::xxh3::xxh3_128;
 
+use super::RUNS_MAX;
 use crate::fault::LINE_KINDS;
 use crate::rig::place;
 use crate::scenario::{Scenario, ScenarioError};
@@ -32,6 +33,17 @@ pub enum SweepError {
         path: String,
         /// What is wrong.
         message: String,
+    },
+    /// There is too much to do.
+    #[error(
+        "--vary and --seeds make {runs} runs, and one command does at most {RUNS_MAX}: expected fewer, or --shard I/{of} \
+         to do one part of {of}"
+    )]
+    Many {
+        /// So many runs.
+        runs: u128,
+        /// In so many parts, each is one that a command does.
+        of: u128,
     },
     /// The file cannot be read.
     #[error("{path}: cannot read the scenario")]
