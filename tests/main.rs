@@ -37,3 +37,4 @@ mod stats;
 mod sweep;
 mod tidy;
 mod trace;
+mod verdicts;

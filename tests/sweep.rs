@@ -7,7 +7,7 @@ use std::process::{Output, Stdio};
 
 use serde_json::Value;
 
-use crate::common::{folder, kill, output, torno};
+use crate::common::{folder, kill, output, torno, wait_until_interruptible};
 
 const NOISE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/sweeps/line-noise.toml");
 const CLOCK: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/sweeps/clock-margin.toml");
@@ -232,7 +232,8 @@ fn interrupted(more: &[&str], lines: usize) -> (Option<i32>, String, String) {
         stdout.read_line(&mut text).unwrap();
     }
     if lines == 0 {
-        std::thread::sleep(std::time::Duration::from_millis(500));
+        wait_until_interruptible(u64::from(child.id()));
+        std::thread::sleep(std::time::Duration::from_secs(1));
     }
     kill("-INT", u64::from(child.id()));
     stdout.read_to_string(&mut text).unwrap();

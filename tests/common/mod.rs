@@ -107,6 +107,15 @@ pub(crate) fn is_alive(pid: u64) -> bool {
     !matches!(state, Some("Z" | "X"))
 }
 
+/// Waits until a process has something in mind for Ctrl-C, other than to die of it.
+pub(crate) fn wait_until_interruptible(pid: u64) {
+    wait_until("SIGINT is caught", || {
+        let status = std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
+        let caught = status.lines().find_map(|line| line.strip_prefix("SigCgt:")).unwrap().trim();
+        u64::from_str_radix(caught, 16).unwrap() & 0b10 != 0
+    });
+}
+
 /// Sends a signal, as a user would.
 pub(crate) fn kill(signal: &str, pid: u64) {
     let status = Command::new("kill").args([signal, &pid.to_string()]).status().unwrap();

@@ -1,22 +1,39 @@
 //! `torno test`
 
+mod select;
+
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::{Arc, Mutex, PoisonError};
 
-use anyhow::Context;
+use torno::observe::stderr::say;
 use torno::recorder::Recorder;
 use torno::report::Bar;
-use torno::scenario::{Scenario, TestReport, run_all, run_one, seed_text};
-use torno::session::SessionError;
+use torno::rig::Driver;
+use torno::scenario::{Attempt, Broken, Scenario, TestReport, Verdict, in_order, run_one, seed_text};
+use torno::session::INTERRUPTED as ENDED;
 
 use super::options::Placement;
-use super::{FAILED, print, print_text, start_recording, write_file};
+use super::{
+    FAILED, INTERRUPTED, OutputFile, USAGE, exit, print, print_text, processors, start_recording, unless_interrupted,
+};
+use select::Selected;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// Scenario files, or folders of them
+    /// Scenario files, or folders of them; of a folder, every scenario in it and in the folders below
     #[arg(required = true, value_name = "SCENARIO")]
     scenarios: Vec<PathBuf>,
+    /// Only scenarios with this text in their name or in the path of their file, in capitals or not
+    #[arg(short = 'k', long, value_name = "TEXT")]
+    filter: Option<String>,
+    /// Lists the scenarios instead of running them
+    #[arg(long, conflicts_with_all = ["junit", "record"])]
+    list: bool,
+    /// Runs nothing more after the first scenario that does not pass
+    #[arg(long)]
+    fail_fast: bool,
     /// Where everything random comes from, instead of what the scenario says
     #[arg(long)]
     seed: Option<u64>,
@@ -29,7 +46,7 @@ pub(super) struct Arguments {
     /// scenario
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
-    /// Writes the results as JUnit XML
+    /// Writes the results as JUnit XML; overwrites a file, also if there will be no results
     #[arg(long, value_name = "FILE")]
     junit: Option<PathBuf>,
     /// Prints a line of JSON for each scenario
@@ -37,64 +54,144 @@ pub(super) struct Arguments {
     json: bool,
 }
 
+/// What is done.
+struct Work {
+    selected: Vec<Selected>,
+    driver: Driver,
+    recorder: Mutex<Option<Recorder>>,
+    threads: usize,
+    fail_fast: bool,
+    bar: Bar,
+    so_far: Mutex<SoFar>,
+}
+
+/// What has come of it so far.
+#[derive(Default)]
+struct SoFar {
+    attempts: Vec<Attempt>,
+    /// The exit status of the scenarios that could not be run.
+    status: Option<u8>,
+    /// Nobody waits for more of it.
+    over: bool,
+}
+
 impl Arguments {
     pub(super) async fn run(self) -> anyhow::Result<ExitCode> {
-        let mut scenarios = Vec::new();
-        for path in files(&self.scenarios)? {
-            let scenario = Scenario::load(&path, self.seed)?;
-            scenarios.push((path.display().to_string(), scenario));
+        // First of all: what stands in the file must not be taken for the result of this run, however it ends.
+        let junit = self.junit.as_ref().map(OutputFile::create).transpose()?;
+        let selected = select::select(&self.scenarios, self.filter.as_deref(), self.seed)?;
+        for error in selected.iter().filter_map(|selected| selected.scenario.as_ref().err()) {
+            say(&format!("torno: {error:#}\n"));
+        }
+        if self.list {
+            return self.list(&selected);
         }
         let driver = self.placement.or_in_process()?;
-        let recorder = self.record.as_deref().map(|path| recorder(path, &scenarios)).transpose()?;
+        let recorder = self.record.as_deref().map(|path| recorder(path, &selected)).transpose()?;
         if !self.json {
-            let random = scenarios.iter().filter(|(_, scenario)| scenario.is_random());
-            let line = |(_, s): &(String, Scenario)| format!("{}: seed {}\n", s.name, seed_text(s.seed, &s.drawn));
+            let scenarios = selected.iter().filter_map(|selected| selected.scenario.as_ref().ok());
+            let random = scenarios.filter(|scenario| scenario.is_random());
+            let line = |s: &Scenario| format!("{}: seed {}\n", s.name, seed_text(s.seed, &s.drawn));
             print(&random.map(line).collect::<String>())?;
         }
-        let jobs = self.jobs.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
-        let bar = Bar::of_scenarios(scenarios.len() as u64);
-        let tested = match (&scenarios[..], recorder) {
-            ([(path, scenario)], Some(recorder)) => vec![alone(|| run_one(path, scenario, &driver, Some(recorder)))],
-            _ => run_all(&scenarios, &driver, jobs, || bar.count()),
-        };
-        bar.clear();
-        let report = TestReport::new(tested.into_iter().collect::<Result<Vec<_>, SessionError>>()?);
-        if let Some(path) = &self.junit {
-            write_file(path, report.junit()?)?;
+        let count = selected.len();
+        let runs = selected.iter().any(|selected| selected.scenario.is_ok());
+        let work = Arc::new(Work {
+            selected,
+            driver,
+            recorder: Mutex::new(recorder),
+            threads: self.jobs.map_or_else(processors, usize::from),
+            fail_fast: self.fail_fast,
+            bar: Bar::of_scenarios(count as u64),
+            so_far: Mutex::default(),
+        });
+        let doing = Arc::clone(&work);
+        let done = unless_interrupted(move || doing.run()).await?;
+        work.bar.clear();
+        let mut so_far = work.so_far.lock().unwrap_or_else(PoisonError::into_inner);
+        so_far.over = true;
+        let attempts = std::mem::take(&mut so_far.attempts);
+        let not_run = count - attempts.len();
+        let report = TestReport::new(attempts, not_run);
+        if let Some(file) = junit {
+            file.write(report.junit()?)?;
         }
-        if self.json { print(&report.json()?) } else { print_text(&report) }?;
-        Ok(if report.passed() { ExitCode::SUCCESS } else { ExitCode::from(FAILED) })
+        if self.json {
+            print(&report.json()?)?;
+        } else if runs {
+            print_text(&report)?;
+        }
+        if done.is_none() {
+            say(&format!("torno: {ENDED}: {} of {count} scenarios are done\n", count - not_run));
+            return Ok(ExitCode::from(INTERRUPTED));
+        }
+        Ok(match so_far.status {
+            Some(status) => ExitCode::from(status),
+            None if report.passed() => ExitCode::SUCCESS,
+            None => ExitCode::from(FAILED),
+        })
+    }
+
+    fn list(&self, selected: &[Selected]) -> anyhow::Result<ExitCode> {
+        let scenarios = || selected.iter().filter_map(|s| Some((&s.path, &s.scenario.as_ref().ok()?.name)));
+        let width = scenarios().map(|(path, _)| path.chars().count()).max().unwrap_or_default();
+        let line = |(path, name): (&String, &String)| match self.json {
+            true => serde_json::json!({ "path": path, "name": name }).to_string() + "\n",
+            false => format!("{path:width$}  {name}\n"),
+        };
+        print(&scenarios().map(line).collect::<String>())?;
+        let whole = selected.iter().all(|selected| selected.scenario.is_ok());
+        Ok(if whole { ExitCode::SUCCESS } else { ExitCode::from(USAGE) })
     }
 }
 
-/// Does something in a thread of its own: here is a runtime.
-fn alone<T: Send>(act: impl FnOnce() -> T + Send) -> T {
-    std::thread::scope(|scope| scope.spawn(act).join()).unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+impl Work {
+    fn run(&self) {
+        let act = |n: u64| {
+            let attempt = self.attempt(n as usize);
+            self.bar.count();
+            attempt
+        };
+        in_order(self.selected.len() as u64, self.threads, act, |_, (attempt, status)| {
+            let mut so_far = self.so_far.lock().unwrap_or_else(PoisonError::into_inner);
+            if so_far.over {
+                return ControlFlow::Break(());
+            }
+            let stop = self.fail_fast && attempt.verdict() != Some(Verdict::Passed);
+            so_far.attempts.push(attempt);
+            so_far.status = so_far.status.max(status);
+            if stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        });
+    }
+
+    /// What comes of a scenario; and the exit status, if it cannot be run.
+    fn attempt(&self, n: usize) -> (Attempt, Option<u8>) {
+        let Selected { path, name, scenario } = &self.selected[n];
+        let broken = |error: &anyhow::Error, status| {
+            let (path, name, message) = (path.clone(), name.clone(), format!("{error:#}"));
+            (Attempt::Broken(Broken { path, name, message }), Some(status))
+        };
+        let scenario = match scenario {
+            Ok(scenario) => scenario,
+            Err(error) => return broken(error, USAGE),
+        };
+        let recorder = self.recorder.lock().unwrap_or_else(PoisonError::into_inner).take();
+        match run_one(path, scenario, &self.driver, recorder) {
+            Ok(tested) => (Attempt::Tested(tested), None),
+            Err(error) => {
+                let error = error.into();
+                self.bar.suspend(|| say(&format!("torno: {path}: {error:#}\n")));
+                broken(&error, exit::code(&error))
+            }
+        }
+    }
 }
 
 /// A recording of the one scenario.
-fn recorder(path: &Path, scenarios: &[(String, Scenario)]) -> anyhow::Result<Recorder> {
-    let [(_, Scenario { file, rig, seed, .. })] = scenarios else {
-        anyhow::bail!("--record: expected one scenario, found {}", scenarios.len());
+fn recorder(path: &Path, selected: &[Selected]) -> anyhow::Result<Recorder> {
+    let [Selected { scenario: Ok(Scenario { file, rig, seed, .. }), .. }] = selected else {
+        let found = selected.iter().filter(|selected| selected.scenario.is_ok()).count();
+        anyhow::bail!("--record: expected one scenario, found {found}");
     };
     start_recording(path, &file.header(rig, *seed, None))
-}
-
-/// The files themselves, and those in folders, by name.
-fn files(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
-    let mut files = Vec::new();
-    for path in paths {
-        if !path.is_dir() {
-            files.push(path.clone());
-            continue;
-        }
-        let entries =
-            std::fs::read_dir(path).with_context(|| format!("cannot read the folder '{}'", path.display()))?;
-        let mut found: Vec<PathBuf> = entries.filter_map(|entry| entry.ok().map(|entry| entry.path())).collect();
-        found.retain(|path| path.extension().is_some_and(|extension| extension == "toml"));
-        found.sort();
-        anyhow::ensure!(!found.is_empty(), "{}: expected scenarios (*.toml), found none", path.display());
-        files.extend(found);
-    }
-    Ok(files)
 }

@@ -82,35 +82,6 @@ pub fn run_one(
     Ok(Tested { path, name, seed, drawn, outcome, wall: started.elapsed() })
 }
 
-/// Runs all, `jobs` at once; `done` hears of each. The results are in the order of the scenarios, which come with
-/// their files' names.
-pub fn run_all(
-    scenarios: &[(String, Scenario)],
-    driver: &Driver,
-    jobs: usize,
-    done: impl Fn() + Sync,
-) -> Vec<Result<Tested, SessionError>> {
-    let next = std::sync::atomic::AtomicUsize::new(0);
-    let results: Mutex<Vec<(usize, Result<Tested, SessionError>)>> = Mutex::new(Vec::new());
-    std::thread::scope(|scope| {
-        for _ in 0..jobs.min(scenarios.len()) {
-            scope.spawn(|| {
-                loop {
-                    let place = next.fetch_add(1, Ordering::Relaxed);
-                    let Some((path, scenario)) = scenarios.get(place) else { break };
-                    let tested = run_one(path, scenario, driver, None);
-                    let mut results = results.lock().unwrap_or_else(PoisonError::into_inner);
-                    results.push((place, tested));
-                    done();
-                }
-            });
-        }
-    });
-    let mut results = results.into_inner().unwrap_or_else(PoisonError::into_inner);
-    results.sort_by_key(|(place, _)| *place);
-    results.into_iter().map(|(_, tested)| tested).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -8,16 +8,17 @@ mod batch;
 mod conductor;
 mod failure;
 mod file;
+mod junit;
 mod part;
 pub mod prose;
 mod tested;
 
-pub use batch::{in_order, run_all, run_one};
+pub use batch::{in_order, run_one};
 pub use conductor::{Outcome, Verdict, record, run, run_in_slices};
 pub use failure::Failure;
 pub use file::ScenarioError;
 pub use part::{Diameter, PartExpected};
-pub use tested::{TestReport, Tested, seed_text, shell_word};
+pub use tested::{Attempt, Broken, TestReport, Tested, seed_text, shell_word};
 
 use torno_protocol::time::Span;
 

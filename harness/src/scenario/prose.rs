@@ -23,7 +23,7 @@ use std::error::Error;
 use serde::Serialize;
 use toml::{Table, Value};
 
-use super::{Outcome, Scenario, ScenarioError, run_all};
+use super::{Outcome, Scenario, ScenarioError, run_one};
 use crate::rig::Driver;
 use crate::scenario::{Tested, seed_text};
 
@@ -202,9 +202,7 @@ impl Prose {
     }
 
     fn tested(&self) -> Result<Tested, Box<dyn Error>> {
-        let named = [(self.name.clone(), self.scenario()?)];
-        let mut tested = run_all(&named, &Driver::InProcess, 1, || ()).into_iter().collect::<Result<Vec<_>, _>>()?;
-        Ok(tested.remove(0))
+        Ok(run_one(&self.name, &self.scenario()?, &Driver::InProcess, None)?)
     }
 
     /// Runs it; what does not hold fails the test that calls this, and is explained.

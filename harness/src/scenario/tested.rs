@@ -1,14 +1,14 @@
-//! How scenarios ended: for people, as JSON, as JUnit XML.
+//! How scenarios ended: for people, and as JSON.
 
 use std::collections::BTreeMap;
 use std::fmt;
 use std::time::Duration;
 
 use anstyle::AnsiColor;
-use quick_junit::{NonSuccessKind, Report, TestCase, TestCaseStatus, TestSuite};
 use serde::Serialize;
 
-use super::{Failure, Outcome};
+use super::junit::junit;
+use super::{Failure, Outcome, Verdict};
 
 /// A scenario that has been run.
 #[derive(Clone, Debug)]
@@ -45,9 +45,64 @@ pub fn seed_text(seed: u64, drawn: &[(String, String)]) -> String {
     format!("{seed}{}", drawn.collect::<String>())
 }
 
+/// A scenario of which there is no verdict: its file is none, or its rig broke.
+#[derive(Clone, Debug)]
+pub struct Broken {
+    /// Its file.
+    pub path: String,
+    /// Its name, if that is known.
+    pub name: Option<String>,
+    /// What is wrong.
+    pub message: String,
+}
+
+/// What came of a scenario.
+#[derive(Clone, Debug)]
+pub enum Attempt {
+    /// It has been run.
+    Tested(Tested),
+    /// It could not be.
+    Broken(Broken),
+}
+
+impl Attempt {
+    /// The scenario's file.
+    pub fn path(&self) -> &str {
+        match self {
+            Self::Tested(tested) => &tested.path,
+            Self::Broken(broken) => &broken.path,
+        }
+    }
+
+    /// Its name; or its file, if it has none.
+    pub fn name(&self) -> &str {
+        match self {
+            Self::Tested(tested) => &tested.name,
+            Self::Broken(broken) => broken.name.as_ref().unwrap_or(&broken.path),
+        }
+    }
+
+    /// How long it took.
+    pub(super) const fn wall(&self) -> Duration {
+        match self {
+            Self::Tested(tested) => tested.wall,
+            Self::Broken(_) => Duration::ZERO,
+        }
+    }
+
+    /// What it has shown, if it could be run.
+    pub fn verdict(&self) -> Option<Verdict> {
+        match self {
+            Self::Tested(tested) => Some(tested.outcome.verdict()),
+            Self::Broken(_) => None,
+        }
+    }
+}
+
 /// How all of them ended.
 pub struct TestReport {
-    tested: Vec<Tested>,
+    attempts: Vec<Attempt>,
+    not_run: usize,
 }
 
 #[derive(Serialize)]
@@ -90,15 +145,28 @@ impl<'a> From<&'a Failure> for FailureLine<'a> {
     }
 }
 
+#[derive(Serialize)]
+struct BrokenLine<'a> {
+    name: Option<&'a str>,
+    path: &'a str,
+    outcome: &'static str,
+    error: &'a str,
+}
+
 impl TestReport {
-    /// Of these.
-    pub const fn new(tested: Vec<Tested>) -> Self {
-        Self { tested }
+    /// Of these; so many more have not been run.
+    pub const fn new(attempts: Vec<Attempt>, not_run: usize) -> Self {
+        Self { attempts, not_run }
     }
 
     /// Whether all passed.
     pub fn passed(&self) -> bool {
-        self.tested.iter().all(|tested| tested.outcome.failures.is_empty())
+        self.count(Some(Verdict::Passed)) == self.attempts.len()
+    }
+
+    /// How many have shown this; None: how many could not be run.
+    pub fn count(&self, verdict: Option<Verdict>) -> usize {
+        self.attempts.iter().filter(|attempt| attempt.verdict() == verdict).count()
     }
 
     /// A line of JSON for each.
@@ -106,7 +174,14 @@ impl TestReport {
     /// # Errors
     /// None that can happen to what a rig tells.
     pub fn json(&self) -> serde_json::Result<String> {
-        self.tested.iter().map(|tested| Ok(serde_json::to_string(&line(tested))? + "\n")).collect()
+        let line = |attempt: &Attempt| match attempt {
+            Attempt::Tested(tested) => serde_json::to_string(&line(tested)),
+            Attempt::Broken(Broken { path, name, message }) => {
+                let (name, outcome) = (name.as_deref(), "broken");
+                serde_json::to_string(&BrokenLine { name, path, outcome, error: message })
+            }
+        };
+        self.attempts.iter().map(|attempt| Ok(line(attempt)? + "\n")).collect()
     }
 
     /// As JUnit XML.
@@ -114,56 +189,53 @@ impl TestReport {
     /// # Errors
     /// If a name cannot be written as XML.
     pub fn junit(&self) -> Result<String, quick_junit::SerializeError> {
-        let mut suite = TestSuite::new("torno");
-        for tested in &self.tested {
-            let status = match tested.outcome.failures.first() {
-                None => TestCaseStatus::success(),
-                Some(first) => {
-                    let mut status = TestCaseStatus::non_success(NonSuccessKind::Failure);
-                    let text: Vec<String> = tested.outcome.failures.iter().map(ToString::to_string).collect();
-                    status.set_message(format!("expected {}, came {}", first.expected, first.came));
-                    status.set_description(format!("{}\n  again     {}", text.join("\n"), tested.again()));
-                    status
-                }
-            };
-            let mut case = TestCase::new(&tested.name, status);
-            case.set_classname(&tested.path).set_time(tested.wall);
-            suite.add_test_case(case);
-        }
-        let mut report = Report::new("torno test");
-        report.add_test_suite(suite);
-        report.to_string()
+        junit(&self.attempts)
     }
 }
 
-/// For people: a line for each, and for one that failed what explains it; with the colours of a terminal.
+/// For people: a line for each, and for one that did not pass what explains it; with the colours of a terminal.
 impl fmt::Display for TestReport {
     fn fmt(&self, text: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let [good, bad] = [AnsiColor::Green, AnsiColor::Red].map(|colour| colour.on_default().bold());
-        let width = self.tested.iter().map(|tested| tested.name.chars().count()).max().unwrap_or(0);
-        for tested in &self.tested {
-            let failed = !tested.outcome.failures.is_empty();
-            let (style, word) = if failed { (bad, "FAILED") } else { (good, "passed") };
+        let [good, bad, open] = [AnsiColor::Green, AnsiColor::Red, AnsiColor::Yellow].map(|c| c.on_default().bold());
+        let [failed, inconclusive, passed, broken] =
+            [Some(Verdict::Failed), Some(Verdict::Inconclusive), Some(Verdict::Passed), None].map(|v| self.count(v));
+        let longest = if inconclusive > 0 { "INCONCLUSIVE".len() } else { "passed".len() };
+        let width = self.attempts.iter().map(|attempt| attempt.name().chars().count()).max().unwrap_or(0);
+        for attempt in &self.attempts {
+            let (style, word) = match attempt.verdict() {
+                Some(Verdict::Passed) => (good, "passed"),
+                Some(Verdict::Failed) => (bad, "FAILED"),
+                Some(Verdict::Inconclusive) => (open, "INCONCLUSIVE"),
+                None => (bad, "BROKEN"),
+            };
+            let (name, path) = (attempt.name(), attempt.path());
+            write!(text, "{style}{word:longest$}{style:#}  {name:width$}  ")?;
+            let Attempt::Tested(tested) = attempt else {
+                writeln!(text, "{:>9}    {:7}  {:>8}     {path}", "-", "", "-")?;
+                continue;
+            };
             let virtual_s = tested.outcome.end.as_secs_f64();
             let wall = tested.wall.as_secs_f64() * 1e3;
-            let name = &tested.name;
-            writeln!(text, "{style}{word}{style:#}  {name:width$}  {virtual_s:>9.3} s virtual  {wall:>8.1} ms")?;
-            if failed {
-                writeln!(text, "  seed      {}", seed_text(tested.seed, &tested.drawn))?;
+            writeln!(text, "{virtual_s:>9.3} s virtual  {wall:>8.1} ms  {path}")?;
+            if attempt.verdict() == Some(Verdict::Passed) {
+                continue;
             }
+            writeln!(text, "  seed      {}", seed_text(tested.seed, &tested.drawn))?;
             for failure in &tested.outcome.failures {
                 writeln!(text, "{failure}")?;
             }
-            if failed {
-                writeln!(text, "  again     {}", tested.again())?;
-            }
+            writeln!(text, "  again     {}", tested.again())?;
         }
-        let failed = self.tested.iter().filter(|tested| !tested.outcome.failures.is_empty()).count();
-        let passed = self.tested.len() - failed;
-        match failed {
-            0 => writeln!(text, "{good}{passed} passed{good:#}"),
-            _ => writeln!(text, "{bad}{failed} failed{bad:#}, {passed} passed"),
-        }
+        let counts = [
+            (failed, bad, "failed"),
+            (broken, bad, "broken"),
+            (inconclusive, open, "inconclusive"),
+            (passed, good, "passed"),
+            (self.not_run, open, "not run"),
+        ];
+        let told = counts.iter().filter(|(count, _, what)| *count > 0 || *what == "passed");
+        let told: Vec<String> = told.map(|(count, style, what)| format!("{style}{count} {what}{style:#}")).collect();
+        writeln!(text, "{}", told.join(", "))
     }
 }
 
