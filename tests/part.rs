@@ -6,7 +6,7 @@ use std::path::Path;
 use crate::common::{folder, json, output};
 use serde_json::Value;
 use torno::rig::file::RigFile;
-use torno::scenario::prose::{Prose, part, reply, scenario};
+use torno::scenario::prose::{Prose, board, part, reply, scenario};
 use torno_machines::workpiece::Part;
 use torno_protocol::lathe::Program;
 
@@ -201,6 +201,108 @@ fn names_with_marks_in_them_do_not_break_the_drawing() {
 fn the_documentation_shows_the_demonstration_as_it_is() {
     let shown = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/part.svg")).unwrap();
     assert!(shown == drawing(&[]), "repeat: torno run --part docs/part.svg");
+}
+
+// --- what is required -----------------------------------------------------------------------------------------------
+
+/// Six slots too deep: the depth axis has invented as many counts.
+const SLIP: &str = "[[fault]]\nboard = \"depth\"\nkind = \"counts\"\nvalue = 6\nat = \"1 s\"\n";
+
+#[test]
+fn a_tolerance_is_a_verdict_in_text_json_report_and_exit_status() {
+    let folder = folder();
+    let slip = write(folder.path(), "slip.toml", SLIP);
+    let page = write(folder.path(), "page.html", "");
+    let run = |more: &[&str]| {
+        let run = ["run", "--in-process", "--faults", &slip, "--report", &page];
+        let told = output(&[&run[..], more].concat());
+        let html = fs::read_to_string(&page).unwrap();
+        (told.status.code(), String::from_utf8(told.stdout).unwrap(), html)
+    };
+    let thin = "worst  2.13 mm of diameter too thin, at z = -5.80 mm; ";
+    let (code, text, html) = run(&[]);
+    assert_eq!(code, Some(0), "nothing was required");
+    assert!(text.contains(&format!("{thin}more than 0.05 mm, but no tolerance was required\n")), "{text}");
+    assert!(text.ends_with("outcome  completed\n"), "{text}");
+    let bad = "<dt>worst deviation</dt><dd class=\"bad\">-2.13 mm</dd>";
+    assert!(html.contains(bad) && html.contains("but no tolerance was required"), "{html}");
+
+    let (code, text, html) = run(&["--tolerance", "0.05"]);
+    assert_eq!(code, Some(1), "{text}");
+    assert!(text.contains(&format!("{thin}NOT within the tolerance of 0.05 mm\n")), "{text}");
+    assert!(text.ends_with("outcome  completed, but the part is not within its tolerance\n"), "{text}");
+    let problem = "<li>the part is NOT within the tolerance of 0.05 mm: 2.13 mm of diameter too thin";
+    assert!(html.contains(bad) && html.contains(problem), "{html}");
+    assert!(html.contains("<td id=\"figure-tolerance\">NOT within the tolerance of 0.05 mm</td>"), "{html}");
+
+    let (code, text, html) = run(&["--tolerance", "3 mm"]);
+    assert_eq!(code, Some(0), "{text}");
+    assert!(text.contains(&format!("{thin}within the tolerance of 3 mm\n")), "{text}");
+    assert!(html.contains(&bad.replace("bad", "good")), "{html}");
+
+    for (tolerance, code, met) in [("50 um", 1, false), ("2.134", 0, true), ("2.133", 1, false)] {
+        let told = output(&["run", "--in-process", "--json", "--faults", &slip, "--tolerance", tolerance]);
+        assert_eq!(told.status.code(), Some(code), "{tolerance}");
+        let part = &json(&told)["part"];
+        assert_eq!(part["required"]["met"], met, "{part}");
+    }
+    let healthy = |more: &[&str]| json(&output(&[&["run", "--in-process", "--json"], more].concat()))["part"].clone();
+    assert_eq!(healthy(&["--tolerance", "0"])["required"]["met"], true);
+    assert!(healthy(&[]).get("required").is_none());
+}
+
+#[test]
+fn a_tolerance_is_a_length_of_a_part() {
+    for (arguments, expected) in [
+        (&["--tolerance", "5 s"][..], "expected mm, from 0 to 1000, such as 0.05 or '50 um'"),
+        (&["--tolerance=-1"], "expected mm, from 0 to 1000"),
+        (&["--tolerance", "nan"], "expected mm, from 0 to 1000"),
+    ] {
+        let told = output(&[&["run"], arguments].concat());
+        let error = String::from_utf8(told.stderr).unwrap();
+        assert_eq!(told.status.code(), Some(2), "{error}");
+        assert!(error.contains(expected), "{error}");
+    }
+    let folder = folder();
+    let bare = write(
+        folder.path(),
+        "bare.toml",
+        include_str!("../harness/builtin/lathe.toml").split("# What is turned.").next().unwrap(),
+    );
+    let told = output(&["run", &bare, "--tolerance", "1"]);
+    assert!(String::from_utf8(told.stderr).unwrap().contains("--tolerance: the rig 'lathe' turns no part"));
+}
+
+#[test]
+fn a_step_checks_the_part_against_what_the_frames_ask_for() {
+    let within = |mm: &str| part("as asked").with("within", mm);
+    // On the way, and at its end.
+    let turned = turns().check(within("0 mm")).send("4B 46 23 28 00 00 00 00").wait(reply("XON"));
+    turned.clone().check(within("0 mm")).must_pass();
+    let slip = || board("depth").breaks("counts").with("value", 6).with("at", "100 ms");
+    let off = turns().fault(slip()).check(within("0.05 mm"));
+    let told = failures(&off);
+    assert_eq!(told.len(), 1, "{told:?}");
+    assert_eq!(told[0].0, "the part as asked within 0.05 mm");
+    assert!(told[0].1.starts_with("2.13 mm of diameter too thin, at z = -"), "{told:?}");
+    turns().fault(slip()).check(within("2.134 mm")).must_pass();
+    // The same measure as of one diameter: six slots more than 26.933 mm.
+    turns().fault(slip()).diameter("-10 mm", "26.933 mm", "2.134 mm").must_pass();
+    assert_eq!(failures(&turns().fault(slip()).diameter("-10 mm", "26.933 mm", "2.13 mm")).len(), 1);
+
+    let complaint = |scenario: Prose| scenario.scenario().unwrap_err().to_string();
+    for (check, expected) in [
+        (part("as asked"), "part: expected how near it must be, such as within = \"0.05 mm\""),
+        (part("rapid").with("within", "1 mm"), "'rapid': expected \"as asked\", the whole part, here"),
+        (within("1 s"), "'1 s': expected a length"),
+        (within("29 mm"), "'29 mm': expected 0 mm to 28 mm"),
+        (within("1 mm").with("equals", 3), "equals: means nothing beside part"),
+    ] {
+        let said = complaint(turns().check(check));
+        assert!(said.contains(expected), "{said}");
+    }
+    let said = complaint(scenario("a stand").on("servo").check(within("1 mm")));
+    assert!(said.contains("the rig 'servo' turns no part"), "{said}");
 }
 
 // --- scenarios ------------------------------------------------------------------------------------------------------

@@ -1,5 +1,8 @@
 //! How far a part is from the one that was asked for.
 
+use std::cmp::Ordering;
+use std::fmt;
+
 use crate::{GRID, Profile};
 
 /// Near a shoulder, what was asked for so far to either side is what was asked for, in mm: a shoulder that stands a
@@ -13,6 +16,22 @@ pub struct Deviation {
     pub diameter: f64,
     /// Where: a `z` in mm. In the middle, if it is the same on a stretch.
     pub z: f64,
+}
+
+/// Whether a diameter that is off by so much is within a tolerance: on the bound, as written, it is. All in mm.
+pub fn is_within(off: f64, tolerance: f64) -> bool {
+    off.abs() <= tolerance + 1e-9
+}
+
+impl fmt::Display for Deviation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { diameter, z } = self;
+        match diameter.partial_cmp(&0.0) {
+            Some(Ordering::Greater) => write!(f, "{diameter:.2} mm of diameter too thick, at z = {z:.2} mm"),
+            Some(Ordering::Less) => write!(f, "{:.2} mm of diameter too thin, at z = {z:.2} mm", -diameter),
+            _ => f.write_str("none: it is as asked"),
+        }
+    }
 }
 
 /// How much thicker a part is than another, point by point, in mm of diameter; both come of the same bar. What is
@@ -63,6 +82,12 @@ mod tests {
         assert!((found.diameter - 0.2).abs() < 1e-9 && (found.z + 10.0).abs() < 0.3, "{found:?}");
         let found = deviation(&shaft(11.9, -20.0), &shaft(12.0, -20.0));
         assert!((found.diameter + 0.2).abs() < 1e-9, "{found:?}");
+    }
+
+    #[test]
+    fn a_diameter_on_the_bound_is_within_it() {
+        assert!(is_within(0.3, 0.1 + 0.2) && is_within(-0.1 - 0.2, 0.3) && is_within(0.0, 0.0));
+        assert!(!is_within(0.3001, 0.3) && !is_within(-1e-6, 0.0) && !is_within(f64::NAN, 1.0));
     }
 
     #[test]

@@ -16,7 +16,7 @@ mod profile;
 mod turning;
 
 pub use cylinders::{Cylinder, cylinders};
-pub use deviation::{Deviation, SHOULDER, deviation, deviations};
+pub use deviation::{Deviation, SHOULDER, deviation, deviations, is_within};
 pub use nose::Nose;
 pub use outline::outline;
 pub use profile::{GRID, Place, Profile, Shaving};

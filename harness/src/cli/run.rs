@@ -15,6 +15,7 @@ use torno::scenario::seed_text;
 use torno_machines::workpiece::ToolPath;
 use torno_protocol::lathe::Outcome;
 use torno_protocol::time::Span;
+use torno_text::parse_length;
 use torno_trace::Timescale;
 use tracing::Instrument;
 
@@ -54,6 +55,10 @@ pub(super) struct Arguments {
     /// The unit of time of --vcd: 1, 10 or 100 of ns or us, or 1 ms
     #[arg(long, value_name = "TIME", default_value = "1 us", value_parser = timescale, requires = "vcd")]
     vcd_step: Timescale,
+    /// Requires that no diameter of the part is further than so many mm from what the program asks for; if one is, the
+    /// exit status is 1
+    #[arg(long, value_name = "MM", value_parser = tolerance)]
+    tolerance: Option<f64>,
     /// Draws the part that was turned (.svg): bar, asked and got, to scale
     #[arg(long, value_name = "FILE", value_parser = drawing)]
     part: Option<PathBuf>,
@@ -91,11 +96,10 @@ impl Arguments {
     ) -> anyhow::Result<ExitCode> {
         super::plays_frames(&file)?;
         let (program_name, program) = load_program(program.as_deref())?;
-        anyhow::ensure!(
-            self.part.is_none() || file.part.is_some(),
-            "--part: the rig '{}' turns no part: expected a [part] in its file",
-            file.name
-        );
+        let of_part = [("--part", self.part.is_some()), ("--tolerance", self.tolerance.is_some())];
+        if let Some((option, _)) = of_part.iter().find(|(_, given)| *given && file.part.is_none()) {
+            anyhow::bail!("{option}: the rig '{}' turns no part: expected a [part] in its file", file.name);
+        }
         let names = file.names();
         let FaultFile { seed, drawn, faults } = match &self.faults {
             Some(path) => fault::load(path, &names, self.seed)?,
@@ -135,13 +139,14 @@ impl Arguments {
             file.write_by(|file| waveforms.write(file, played.end, tail, self.vcd_step))?;
         }
         let part = asked.zip(played.path.take().map(ToolPath::cut));
-        let cut = part.map(|((part, asked), turned)| Cut::new(part, asked, turned));
+        let cut = part.map(|((part, asked), turned)| Cut::new(part, asked, turned, self.tolerance));
         if let (Some(file), Some(cut)) = (drawing, &cut) {
             file.write(cut.draw(&rig, &program_name))?;
         }
+        let as_required = cut.as_ref().is_none_or(|cut| cut.summary.is_as_required());
         let code = match played.ended {
             Ended::Interrupted => ExitCode::from(INTERRUPTED),
-            Ended::Over if played.outcome == Outcome::Completed => ExitCode::SUCCESS,
+            Ended::Over if played.outcome == Outcome::Completed && as_required => ExitCode::SUCCESS,
             Ended::Over | Ended::OutOfPatience => ExitCode::from(FAILED),
         };
         let (part, trace) = (cut.as_ref().map(|cut| cut.summary.clone()), played.trace.take());
@@ -152,6 +157,12 @@ impl Arguments {
         print_beside(&[&self.vcd, &self.part, &self.report], self.json, &summary)?;
         Ok(code)
     }
+}
+
+/// So many mm; with or without the unit.
+fn tolerance(text: &str) -> Result<f64, String> {
+    let mm = text.parse().or_else(|_| parse_length(text)).ok().filter(|mm| (0.0..=1_000.0).contains(mm));
+    mm.ok_or_else(|| "expected mm, from 0 to 1000, such as 0.05 or '50 um'".to_owned())
 }
 
 fn summary(played: Played, rig: String, program: String, frames: usize, seed: u64, started: Instant) -> Summary {

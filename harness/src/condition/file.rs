@@ -137,6 +137,20 @@ impl RawCondition {
         Ok(self.part.as_ref())
     }
 
+    /// Within what the part must be as asked, if it is about that.
+    ///
+    /// # Errors
+    /// It is about something else, too, or does not say within what.
+    pub(crate) fn of_whole_part(&self) -> Result<Option<&Spanned<String>>, Complaint> {
+        let Some(part) = &self.part else { return Ok(None) };
+        Self { within: None, ..self.clone() }.of_part()?;
+        if part.get_ref() != "as asked" {
+            return Err((part.span(), format!("'{}': expected \"as asked\", the whole part, here", part.get_ref())));
+        }
+        let complaint = || (part.span(), "part: expected how near it must be, such as within = \"0.05 mm\"".to_owned());
+        self.within.as_ref().ok_or_else(complaint).map(Some)
+    }
+
     /// What a step waits for, and for how long if it says so.
     ///
     /// # Errors

@@ -23,9 +23,9 @@ pub struct Cut {
 }
 
 impl Cut {
-    /// What came of a bar, and what was asked for.
-    pub fn new(part: Part, asked: Profile, turned: Turned) -> Self {
-        Self { summary: PartSummary::new(&part, &turned, &asked), part, asked, turned }
+    /// What came of a bar, and what was asked for, within what tolerance in mm.
+    pub fn new(part: Part, asked: Profile, turned: Turned, tolerance: Option<f64>) -> Self {
+        Self { summary: PartSummary::new(&part, &turned, &asked, tolerance), part, asked, turned }
     }
 
     /// The same from a trace; None, if its rig turns no part, or nobody knows what was asked for: it is known of a
@@ -42,7 +42,7 @@ impl Cut {
         let asked = part.asked(&Program { frames: bytes.as_chunks().0.to_vec() });
         let mut path = ToolPath::new(&part);
         trace.facts.iter().for_each(|fact| path.add(fact));
-        Some(Self::new(part, asked, path.cut()))
+        Some(Self::new(part, asked, path.cut(), None))
     }
 
     /// The drawing of it, as the text of an SVG file.

@@ -344,8 +344,7 @@ impl Drawing<'_> {
             sheet.text("", (x + 19.0, y), "start", &shortened(value, 24));
         }
         sheet.text("small grey", (left + 3.0, row(3.0) + 4.4), "start", "worst");
-        let worst = self.summary.worst.to_string();
-        sheet.text("", (left + 19.0, row(3.0) + 4.4), "start", worst.trim_start_matches("worst").trim_start());
+        sheet.text("", (left + 19.0, row(3.0) + 4.4), "start", &self.summary.worst.to_string());
     }
 }
 

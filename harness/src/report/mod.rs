@@ -13,7 +13,7 @@ mod timeline;
 
 pub use comparison::{Comparison, Side};
 pub use cut::Cut;
-pub use part::{EventSummary, Measure, PartSummary, Worst};
+pub use part::{EventSummary, Measure, PartSummary, Required, Worst};
 pub use progress::{Bar, Status};
 pub use stats::{BytesPerGrant, Shares, Stats};
 pub use summary::{BoardSummary, Frames, Summary, failures};

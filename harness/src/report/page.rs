@@ -164,7 +164,14 @@ impl Page<'_> {
             } else {
                 format!("of diameter, at z = {:.2} mm", worst.z_mm)
             };
-            card("worst deviation", "", &value, &at)?;
+            let class = match cut.summary.required {
+                _ if cut.summary.is_off() => "bad",
+                Some(_) => "good",
+                None => "",
+            };
+            let verdict = Some(cut.summary.verdict()).filter(|verdict| !verdict.is_empty());
+            let more = verdict.map_or_else(|| at.clone(), |verdict| format!("{at}; {verdict}"));
+            card("worst deviation", class, &value, &more)?;
         }
         html.write_str("</dl>\n")
     }
@@ -175,6 +182,9 @@ impl Page<'_> {
         if let Some(summary) = self.summary {
             problems.extend(summary.incidents.iter().chain(&summary.failures).cloned());
             problems.extend(summary.frames.refusals.iter().map(|refusal| format!("a frame was refused: {refusal}")));
+        }
+        if let Some(summary) = self.cut.map(|cut| &cut.summary).filter(|summary| !summary.is_as_required()) {
+            problems.push(format!("the part is {}: {}", summary.verdict(), summary.worst));
         }
         for event in self.cut.map_or(&[][..], |cut| &cut.summary.events) {
             let super::EventSummary { from_s, z_mm, worst, text, unit, .. } = event;
@@ -251,6 +261,9 @@ impl Page<'_> {
         if let Some(cut) = self.cut {
             row("turned", "turned, diameter × length", &sizes(&cut.summary.cylinders, "×"))?;
             row("asked", "asked for", &sizes(&cut.summary.asked, "×"))?;
+            if cut.summary.required.is_some() {
+                row("tolerance", "worst deviation", &cut.summary.verdict())?;
+            }
         }
         row("seed", "seed", &header.seed)?;
         if let Some(end) = &self.trace.end {

@@ -2,9 +2,9 @@
 
 use std::fmt;
 
-use anstyle::Style;
+use anstyle::{AnsiColor, Style};
 use serde::Serialize;
-use torno_part::{Cylinder, GRID, Happening, Profile, cylinders, deviation};
+use torno_part::{Cylinder, Deviation, GRID, Happening, Profile, SHOULDER, cylinders, deviation, is_within};
 
 use torno_machines::workpiece::Part;
 use torno_machines::workpiece::Turned;
@@ -20,8 +20,20 @@ pub struct PartSummary {
     pub asked: Vec<Measure>,
     /// Where it is furthest from what was asked.
     pub worst: Worst,
+    /// What was required of it, if something was.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub required: Option<Required>,
     /// What should not have happened.
     pub events: Vec<EventSummary>,
+}
+
+/// What was required of a part: a verdict.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Required {
+    /// No diameter may be further from what was asked, in mm.
+    pub tolerance_mm: f64,
+    /// None is.
+    pub met: bool,
 }
 
 /// A cylinder.
@@ -114,8 +126,8 @@ pub(super) fn sizes(measures: &[Measure], by: &str) -> String {
 }
 
 impl PartSummary {
-    /// What is told of a part, beside what was asked for.
-    pub fn new(part: &Part, turned: &Turned, asked: &Profile) -> Self {
+    /// What is told of a part, beside what was asked for, and within what tolerance.
+    pub fn new(part: &Part, turned: &Turned, asked: &Profile, tolerance: Option<f64>) -> Self {
         // A fillet and what the edge leaves of it.
         let between = 2.0 * part.nose.radius_mm() + 2.0 * GRID;
         let measures = |profile| cylinders(profile, between).into_iter().map(Measure::from).collect();
@@ -125,7 +137,30 @@ impl PartSummary {
             cylinders: measures(&turned.profile),
             asked: measures(asked),
             worst: Worst { diameter_mm: mm(worst.diameter), z_mm: mm(worst.z) },
+            required: tolerance
+                .map(|tolerance_mm| Required { tolerance_mm, met: is_within(worst.diameter, tolerance_mm) }),
             events: turned.happenings.iter().map(EventSummary::from).collect(),
+        }
+    }
+
+    /// Whether it is as it was required to be.
+    pub fn is_as_required(&self) -> bool {
+        self.required.is_none_or(|required| required.met)
+    }
+
+    /// Whether it is not what somebody wants: what was required is not met; or nothing was, and it is further from what
+    /// was asked than a shoulder may be.
+    pub(super) fn is_off(&self) -> bool {
+        self.required.map_or(!is_within(self.worst.diameter_mm, SHOULDER), |required| !required.met)
+    }
+
+    /// What is to be said of the worst deviation beyond itself.
+    pub(super) fn verdict(&self) -> String {
+        match self.required {
+            Some(Required { tolerance_mm, met: true }) => format!("within the tolerance of {tolerance_mm} mm"),
+            Some(Required { tolerance_mm, met: false }) => format!("NOT within the tolerance of {tolerance_mm} mm"),
+            None if self.is_off() => format!("more than {SHOULDER} mm, but no tolerance was required"),
+            None => String::new(),
         }
     }
 
@@ -133,7 +168,14 @@ impl PartSummary {
         let [turned, asked] = [&self.cylinders, &self.asked].map(|measures| sizes(measures, "x"));
         writeln!(text, "{:<9}turned {turned} (diameter x length, from the face)", "part")?;
         writeln!(text, "{:<9}asked  {asked}", "")?;
-        writeln!(text, "{:<9}{}", "", self.worst)?;
+        let style = match self.required {
+            _ if self.is_off() => problem,
+            Some(_) => AnsiColor::Green.on_default().bold(),
+            None => Style::new(),
+        };
+        let verdict = Some(self.verdict()).filter(|verdict| !verdict.is_empty());
+        let verdict = verdict.map_or_else(String::new, |verdict| format!("; {verdict}"));
+        writeln!(text, "{:<9}{style}worst  {}{verdict}{style:#}", "", self.worst)?;
         for event in &self.events {
             let EventSummary { from_s, z_mm, worst, text: what, unit, .. } = event;
             writeln!(
@@ -148,15 +190,6 @@ impl PartSummary {
 
 impl fmt::Display for Worst {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { diameter_mm, z_mm } = self;
-        match diameter_mm.partial_cmp(&0.0) {
-            Some(std::cmp::Ordering::Greater) => {
-                write!(f, "worst  {diameter_mm:.2} mm of diameter too thick, at z = {z_mm:.2} mm")
-            }
-            Some(std::cmp::Ordering::Less) => {
-                write!(f, "worst  {:.2} mm of diameter too thin, at z = {z_mm:.2} mm", -diameter_mm)
-            }
-            _ => f.write_str("worst  none: it is as asked"),
-        }
+        Deviation { diameter: self.diameter_mm, z: self.z_mm }.fmt(f)
     }
 }

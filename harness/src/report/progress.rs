@@ -70,7 +70,8 @@ impl Bar {
     }
 }
 
-/// How long the rest of `of` things takes, if `done` of them took so long. Nothing before the first: it would be a guess.
+/// How long the rest of `of` things takes, if `done` of them took so long. Nothing before the first: that would be a
+/// guess.
 fn left(done: u64, of: u64, took: Duration) -> String {
     if done == 0 {
         return String::new();

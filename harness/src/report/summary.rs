@@ -149,9 +149,11 @@ impl fmt::Display for Summary {
         if let (Some(digest), Some(seed)) = (&self.digest, self.seed) {
             writeln!(text, "{:<9}{digest} (seed {seed})", "digest")?;
         }
-        let colour = if self.outcome == "completed" { AnsiColor::Green } else { AnsiColor::Red };
-        let outcome = colour.on_default().bold();
-        writeln!(text, "{:<9}{outcome}{}{outcome:#}", "outcome", self.outcome)?;
+        let as_required = self.part.as_ref().is_none_or(PartSummary::is_as_required);
+        let good = self.outcome == "completed" && as_required;
+        let outcome = if good { AnsiColor::Green } else { AnsiColor::Red }.on_default().bold();
+        let but = if as_required { "" } else { ", but the part is not within its tolerance" };
+        writeln!(text, "{:<9}{outcome}{}{but}{outcome:#}", "outcome", self.outcome)?;
         match &self.stats {
             Some(stats) => stats.write(text, bold),
             None => Ok(()),

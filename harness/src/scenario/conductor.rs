@@ -229,6 +229,13 @@ impl<'a> Conductor<'a> {
                     return Ok(Err(self.failure(Some((number, step)), &claim.to_string(), came, Some(claim.node))));
                 }
             }
+            Action::CheckPart(as_asked) => {
+                self.catch_up(self.now).await?;
+                let turned = self.path.clone().map(ToolPath::cut);
+                if let Some(came) = turned.and_then(|turned| as_asked.contradicted(&turned)) {
+                    return Ok(Err(self.failure(Some((number, step)), &as_asked.to_string(), came, None)));
+                }
+            }
         }
         Ok(Ok(()))
     }

@@ -6,7 +6,7 @@ use serde::Deserialize;
 use toml::Spanned;
 use torno_protocol::time::Span;
 
-use super::part::{self, RawDiameter};
+use super::part::{self, AsAsked, RawDiameter};
 use super::{Action, PATIENCE, Scenario, Step};
 use crate::condition::{RawCondition, replies};
 use crate::fault::{Fault, RawFault, text_drawn};
@@ -134,10 +134,16 @@ impl Scenario {
         }
         let mut steps = Vec::new();
         let mut healed: Vec<String> = Vec::new();
+        // What the frames ask for, up to a step.
+        let mut sent: Vec<u8> = Vec::new();
         for (number, step) in raw.step.into_iter().enumerate() {
             let place = step.span();
             let step = step.into_inner();
-            let action = step.check(&names, &known, number + 1, &mut dice, place.clone())?;
+            let as_asked = |within: &Spanned<String>| part::as_asked(&file, &sent, within);
+            let action = step.check(&names, &known, number + 1, &mut dice, place.clone(), as_asked)?;
+            if let (Some(_), Action::Send(bytes)) = (&step.send, &action) {
+                sent.extend(bytes);
+            }
             let raw_break = step.r#break.as_ref();
             match &action {
                 Action::Break(fault) => {
@@ -163,7 +169,8 @@ impl Scenario {
                 None => never.push(raw.check(&names)?),
             }
         }
-        let part = part::check(&file, &raw.expect.part, &never_of_part)?;
+        let checked = steps.iter().any(|step: &Step| matches!(step.action, Action::CheckPart(_)));
+        let part = part::check(&file, &raw.expect.part, &never_of_part, checked)?;
         let claims = |raw: &[RawCondition]| raw.iter().map(|claim| claim.claim(&names)).collect::<Result<Vec<_>, _>>();
         let end = raw.end.as_ref().map_or(Ok(END), span)?;
         if let Some(raw) = raw.end.as_ref().filter(|_| end == Span::ZERO) {
@@ -212,6 +219,7 @@ impl RawStep {
         number: usize,
         dice: &mut Dice,
         place: std::ops::Range<usize>,
+        as_asked: impl Fn(&Spanned<String>) -> Result<AsAsked, Complaint>,
     ) -> Result<Action, Complaint> {
         let mut actions = Vec::new();
         if let Some(texts) = &self.send {
@@ -259,7 +267,10 @@ impl RawStep {
             actions.push(Action::Heal(name.get_ref().clone()));
         }
         if let Some(claim) = &self.check {
-            actions.push(Action::Check(claim.claim(names)?));
+            actions.push(match claim.of_whole_part()? {
+                Some(within) => Action::CheckPart(as_asked(within)?),
+                None => Action::Check(claim.claim(names)?),
+            });
         }
         let found = actions.len();
         match <[Action; 1]>::try_from(actions) {

@@ -17,7 +17,7 @@ pub use batch::{in_order, run_one};
 pub use conductor::{Outcome, Verdict, record, run, run_in_slices};
 pub use failure::Failure;
 pub use file::ScenarioError;
-pub use part::{Diameter, PartExpected};
+pub use part::{AsAsked, Diameter, PartExpected};
 pub use tested::{Attempt, Broken, TestReport, Tested, seed_text, shell_word};
 
 use torno_protocol::time::Span;
@@ -98,4 +98,6 @@ pub enum Action {
     Heal(String),
     /// Something must hold now.
     Check(Claim),
+    /// The part must be as it was asked for, as far as it has been turned now.
+    CheckPart(AsAsked),
 }

@@ -2,10 +2,12 @@
 //! expected of it.
 
 use std::fmt;
+use std::ops::Range;
 
 use serde::Deserialize;
 use toml::Spanned;
-use torno_part::Event;
+use torno_part::{Event, Profile, deviation, is_within};
+use torno_protocol::lathe::Program;
 
 use crate::rig::file::RigFile;
 use torno_machines::workpiece::Part;
@@ -34,6 +36,15 @@ pub struct Diameter {
     pub within: f64,
 }
 
+/// A part as it was asked for, by all frames up to a step.
+#[derive(Clone, Debug)]
+pub struct AsAsked {
+    /// What was asked for.
+    pub asked: Profile,
+    /// How far from that a diameter may be, in mm.
+    pub within: f64,
+}
+
 /// A diameter as a file says it.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -43,21 +54,58 @@ pub(super) struct RawDiameter {
     within: Spanned<String>,
 }
 
-/// What is expected of the part, if something is.
+/// What is expected of the part, if something is: at the end, on the way, or by steps that have been checked.
 pub(super) fn check(
     file: &RigFile,
     diameters: &[RawDiameter],
     never: &[&Spanned<String>],
+    checked: bool,
 ) -> Result<Option<PartExpected>, Complaint> {
     let place = diameters.iter().map(|diameter| diameter.z.span()).chain(never.iter().map(|event| event.span())).next();
-    let Some(place) = place else { return Ok(None) };
-    let part = file
-        .part
-        .clone()
-        .ok_or_else(|| (place, format!("the rig '{}' turns no part: expected a [part] in its file", file.name)))?;
+    if place.is_none() && !checked {
+        return Ok(None);
+    }
+    let part = part_of(file, place.unwrap_or(0..0))?.clone();
     let diameters = diameters.iter().map(|diameter| diameter.check(&part)).collect::<Result<_, _>>()?;
     let never = never.iter().map(|name| event(name, &part)).collect::<Result<_, _>>()?;
     Ok(Some(PartExpected { part, diameters, never }))
+}
+
+fn part_of(file: &RigFile, place: Range<usize>) -> Result<&Part, Complaint> {
+    let complaint = || (place, format!("the rig '{}' turns no part: expected a [part] in its file", file.name));
+    file.part.as_ref().ok_or_else(complaint)
+}
+
+/// The part that these frames ask for, and how far from it the one that is turned may be.
+pub(super) fn as_asked(file: &RigFile, frames: &[u8], within: &Spanned<String>) -> Result<AsAsked, Complaint> {
+    let part = part_of(file, within.span())?;
+    if file.pc.dialect.name() != Program::DIALECT {
+        let message = format!("the rig '{}' has no frames that ask for a part: expected a diameter", file.name);
+        return Err((within.span(), message));
+    }
+    let within = length(within, 0.0, part.diameter)?;
+    Ok(AsAsked { asked: part.asked(&Program { frames: frames.as_chunks().0.to_vec() }), within })
+}
+
+/// A length between bounds, in mm.
+fn length(text: &Spanned<String>, least: f64, most: f64) -> Result<f64, Complaint> {
+    let found = parse_length(text.get_ref()).map_err(|message| (text.span(), message))?;
+    let message = || format!("'{}': expected {least} mm to {most} mm", text.get_ref());
+    if (least..=most).contains(&found) { Ok(found) } else { Err((text.span(), message())) }
+}
+
+impl AsAsked {
+    /// What contradicts it.
+    pub fn contradicted(&self, turned: &Turned) -> Option<String> {
+        let worst = deviation(&turned.profile, &self.asked);
+        (!is_within(worst.diameter, self.within)).then(|| worst.to_string())
+    }
+}
+
+impl fmt::Display for AsAsked {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "the part as asked within {} mm", self.within)
+    }
 }
 
 fn event(name: &Spanned<String>, part: &Part) -> Result<Event, Complaint> {
@@ -74,11 +122,6 @@ fn event(name: &Spanned<String>, part: &Part) -> Result<Event, Complaint> {
 
 impl RawDiameter {
     fn check(&self, part: &Part) -> Result<Diameter, Complaint> {
-        let length = |text: &Spanned<String>, least: f64, most: f64| {
-            let found = parse_length(text.get_ref()).map_err(|message| (text.span(), message))?;
-            let message = || format!("'{}': expected {least} mm to {most} mm", text.get_ref());
-            if (least..=most).contains(&found) { Ok(found) } else { Err((text.span(), message())) }
-        };
         Ok(Diameter {
             z: length(&self.z, -part.out, 0.0)?,
             diameter: length(&self.diameter, 0.0, part.diameter)?,
@@ -91,9 +134,7 @@ impl Diameter {
     /// What contradicts it.
     pub fn contradicted(&self, turned: &Turned) -> Option<String> {
         let found = turned.profile.diameter(self.z).unwrap_or_default();
-        // A diameter that lies on the bound, as written, is within it.
-        let holds = (found - self.diameter).abs() <= self.within + 1e-9;
-        (!holds).then(|| format!("{found:.3} mm"))
+        (!is_within(found - self.diameter, self.within)).then(|| format!("{found:.3} mm"))
     }
 }
 

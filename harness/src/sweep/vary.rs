@@ -36,8 +36,8 @@ pub enum SweepError {
     },
     /// There is too much to do.
     #[error(
-        "--vary and --seeds make {runs} runs, and one command does at most {RUNS_MAX}: expected fewer, or --shard I/{of} \
-         to do one part of {of}"
+        "--vary and --seeds make {runs} runs, and one command does at most {RUNS_MAX}: expected fewer, \
+         or --shard I/{of} to do one part of {of}"
     )]
     Many {
         /// So many runs.
