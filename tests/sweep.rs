@@ -309,3 +309,12 @@ fn a_draw_whose_fault_has_not_fired_is_inconclusive() {
     assert!(shown.contains("  came      it has not begun: all was over before "), "{shown}");
     assert_eq!(output(&["sweep", path, "--seed", &seed]).status.code(), Some(1), "nothing has passed");
 }
+
+/// As the page on scenarios says.
+#[test]
+fn of_a_thousand_faults_at_any_moment_none_fails_and_three_do_not_fire() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/scenarios/any-fault-at-any-moment.toml");
+    let output = output(&["sweep", path, "--seeds", "1000", "--csv"]);
+    assert_eq!(text_of(&output), "runs,passed,told,untold,inconclusive\n1000,997,0,0,3\n");
+    assert_eq!(output.status.code(), Some(0));
+}
