@@ -36,20 +36,23 @@ import xml.etree.ElementTree as tree
 import junitparser
 
 expected = {
-    "a turn": ("./below/pass.toml", []),
-    "a hasty turn": ("./below/fail.toml", ["failure"]),
-    "a jam": ("./below/inconclusive.toml", ["skipped"]),
-    "a typo": ("./broken.toml", ["error"]),
+    "a turn": ("below.pass", []),
+    "a hasty turn": ("below.fail", ["failure"]),
+    "a jam": ("below.inconclusive", ["skipped"]),
+    "a typo": ("broken", ["error"]),
 }
 report = junitparser.JUnitXml.fromfile("report.xml")
 counts = (report.tests, report.failures, report.errors)
 assert counts == (4, 1, 1) and report.time > 0, (counts, report.time)
-suite, = report
-counts = (suite.tests, suite.failures, suite.errors, suite.skipped)
-assert counts == (4, 1, 1, 1), counts
-found = {case.name: (case.classname, [result._tag for result in case.result]) for case in suite}
+suites = list(report)
+assert [suite.name for suite in suites] == [suite._elem.attrib["file"] for suite in suites]
+assert sorted(suite.name for suite in suites)[0] == "./below/fail.toml"
+cases = [case for suite in suites for case in suite]
+counts = [sum(getattr(suite, count) for suite in suites) for count in ("tests", "failures", "errors", "skipped")]
+assert counts == [4, 1, 1, 1], counts
+found = {case.name: (case.classname, [result._tag for result in case.result]) for case in cases}
 assert found == expected, found
-times = [report.time, suite.time, sum(case.time for case in suite)]
+times = [report.time, sum(suite.time for suite in suites), sum(case.time for case in cases)]
 assert max(times) - min(times) < 0.005, times
 
 found = {}

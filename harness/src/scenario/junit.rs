@@ -9,15 +9,16 @@ use super::{Attempt, Tested, Verdict};
 /// # Errors
 /// If a name cannot be written as XML.
 pub(super) fn junit(attempts: &[Attempt]) -> Result<String, quick_junit::SerializeError> {
-    let mut suite = TestSuite::new("torno");
-    for attempt in attempts {
-        suite.add_test_case(case(attempt));
-    }
-    // As in the suite's own attribute: however many ran at once, the sum of its cases.
-    let time = suite.test_cases.iter().filter_map(|case| case.time).sum();
-    suite.set_time(time);
     let mut report = Report::new("torno test");
-    report.set_time(time).add_test_suite(suite);
+    // However many ran at once: the sum of its cases, as of a suite.
+    report.set_time(attempts.iter().map(Attempt::wall).sum());
+    for attempt in attempts {
+        // The schema lets a suite name its file, and a case not. So each file is a suite.
+        let mut suite = TestSuite::new(attempt.path());
+        suite.extra.insert("file".into(), attempt.path().into());
+        suite.set_time(attempt.wall()).add_test_case(case(attempt));
+        report.add_test_suite(suite);
+    }
     // The schema knows this attribute of a suite, not of all suites together. The crate writes it of both.
     let skipped = format!(" skipped=\"{}\"", report.skipped);
     Ok(report.to_string()?.replacen(&skipped, "", 1))
@@ -33,8 +34,16 @@ fn case(attempt: &Attempt) -> TestCase {
         }
     };
     let mut case = TestCase::new(attempt.name(), status);
-    case.set_classname(attempt.path()).set_time(attempt.wall());
+    case.set_classname(class(attempt.path())).set_time(attempt.wall());
     case
+}
+
+/// A file as the name of a class: readers take what stands before the last dot for packages, `below/a.toml` for one
+/// with the name `toml`.
+fn class(path: &str) -> String {
+    let path = path.strip_suffix(".toml").unwrap_or(path);
+    let parts = path.split('/').filter(|part| !["", ".", ".."].contains(part));
+    parts.collect::<Vec<_>>().join(".")
 }
 
 fn status(tested: &Tested) -> TestCaseStatus {
