@@ -26,6 +26,7 @@ mod machine;
 mod part;
 mod pc_port;
 mod processes;
+mod promise;
 mod recordings;
 mod report;
 mod run;

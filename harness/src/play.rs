@@ -16,7 +16,7 @@ use crate::fault::{Planned, Unfired};
 use crate::pace::Pace;
 use crate::recorder::Recorder;
 use crate::rig::file::RigFile;
-use crate::rig::{Cost, Driver, Incident, Rig};
+use crate::rig::{Cost, Driver, Incident};
 use crate::session::{self, EndedBoard, Exchange, Happened, INTERRUPTED, Session, SessionError};
 
 /// The PC starts to send so long after the rig has started, or later where characters are long: a decoder wants to see
@@ -51,6 +51,8 @@ pub struct Play {
     pub keep: Option<Header>,
     /// It is given up when no frame has been accepted for so long, in virtual time.
     pub patience: Span,
+    /// Time goes no further at once, in virtual time. Nothing may depend on it: this is how that is proved.
+    pub slice: Option<Span>,
 }
 
 /// Why a play ended.
@@ -158,7 +160,7 @@ struct Player {
     /// The program's frames follow one another, whatever the master makes of them.
     sending: FrameDecoder,
     now: Instant,
-    /// When a frame has been accepted last.
+    /// Patience counts from here: when a frame has been accepted last, or the program was over last.
     accepted: Instant,
     /// Since when the program is over, if it is.
     over: Option<Instant>,
@@ -180,6 +182,7 @@ impl Play {
             measure: false,
             keep: None,
             patience: PATIENCE,
+            slice: None,
         }
     }
 
@@ -237,32 +240,41 @@ impl Play {
         let mut kept_up = Instant::START;
         let mut interrupted = pin!(interrupted);
         let mut steps = 0;
-        let ended = 'play: loop {
-            let deadline = player.deadline(session.rig(), self.patience);
-            let limit = session.allowed().earlier(Some(deadline)).earlier(stride(session.rig()));
-            loop {
-                let happened = session.step(limit).await?;
-                let more = happened.more;
-                player.take(happened);
-                progress(player.progress());
-                steps += 1;
-                if steps % STEPS_PER_LOOK == 0 && has_come(interrupted.as_mut()).await {
-                    break 'play Ended::Interrupted;
-                }
-                if !more {
-                    break;
-                }
+        // Everything before this has happened.
+        let mut reached = Instant::START;
+        let (ended, until) = loop {
+            let deadline = player.deadline(&session, self.patience);
+            let slice = self.slice.map(|slice| reached + slice);
+            let mut limit = session.allowed().earlier(Some(deadline)).earlier(slice);
+            if !self.faults.is_empty() {
+                // No further than to where the play can end: what comes after that must not count.
+                let end = session.active_until().next().min(reached + AFTER.min(self.patience));
+                limit = limit.earlier(Some(end));
             }
-            if session.rig().engine().is_quiet() && session.faults().0.next_turn().is_none() {
-                break Ended::Over;
+            let happened = session.step(limit).await?;
+            let more = happened.more;
+            player.take(happened);
+            progress(player.progress());
+            steps += 1;
+            if steps % STEPS_PER_LOOK == 0 && has_come(interrupted.as_mut()).await {
+                let now = if session.pace() == Pace::Max { Instant::START } else { session.allowed().until };
+                break (Ended::Interrupted, now.max(session.rig().engine().frontier()));
             }
-            if limit.until == player.deadline(session.rig(), self.patience) {
-                break if player.over.is_some() { Ended::Over } else { Ended::OutOfPatience };
+            if more {
+                continue;
+            }
+            reached = reached.max(limit.until);
+            let quiet = session.quiet_since();
+            if let Some(since) = quiet.filter(|since| *since < reached) {
+                break (Ended::Over, since.next());
+            }
+            if limit.until == player.deadline(&session, self.patience) {
+                break (if player.over.is_some() { Ended::Over } else { Ended::OutOfPatience }, reached);
             }
             if session.pace() == Pace::Max {
                 continue;
             }
-            let next = session.rig().engine().next_instant();
+            let next = session.rig().engine().next_instant().min(quiet.unwrap_or(deadline));
             let mut next = session.faults().0.next().map_or(next, |fault| fault.min(next));
             if let Some(every) = session.keep_up_every() {
                 if limit.until >= kept_up + every {
@@ -272,20 +284,15 @@ impl Play {
                 next = next.min(kept_up + every);
             }
             tokio::select! {
-                () = &mut interrupted => break Ended::Interrupted,
+                () = &mut interrupted => break (Ended::Interrupted, session.allowed().until),
                 waited = session.wait(next) => waited?,
             }
         };
-        let now = match ended {
-            Ended::Interrupted if self.pace == Pace::Max => Instant::START,
-            Ended::Interrupted => session.allowed().until,
-            Ended::Over | Ended::OutOfPatience => player.deadline(session.rig(), self.patience),
-        };
-        let until = session.fall_still(now, |happened| player.take(happened)).await?;
+        session.reach_end(until, |happened| player.take(happened)).await?;
         progress(player.progress());
         let unfired = session.unfired();
         let outcome = player.conversation.outcome(player.frames);
-        let session::Ended { end, boards, trace, rig } = session.close(until, ended.of(outcome))?;
+        let session::Ended { end, boards, trace, rig } = session.close(ended.of(outcome))?;
         Ok(Played {
             outcome,
             ended,
@@ -302,12 +309,6 @@ impl Play {
             conversation: player.conversation,
         })
     }
-}
-
-/// How far to go at once, so that a play with faults does not go past its end.
-fn stride(rig: &Rig) -> Option<Instant> {
-    let engine = rig.engine();
-    (!engine.is_undisturbed()).then(|| engine.frontier() + AFTER)
 }
 
 impl Player {
@@ -344,15 +345,17 @@ impl Player {
             self.accepted = at;
         }
         let over = self.conversation.sent == self.frames && self.conversation.is_over();
+        if self.over.is_some() && !over {
+            self.accepted = at;
+        }
         self.over = over.then(|| self.over.unwrap_or(at));
     }
 
     /// When the play ends, unless the rig is quiet before.
-    fn deadline(&self, rig: &Rig, patience: Span) -> Instant {
-        match self.over {
-            Some(over) if !rig.engine().is_undisturbed() => over + AFTER,
-            _ => self.accepted + patience,
-        }
+    fn deadline(&self, session: &Session, patience: Span) -> Instant {
+        let patient = self.accepted + patience;
+        let Some(over) = self.over.map(|over| over.max(session.turned()) + AFTER) else { return patient };
+        if session.rig().engine().is_undisturbed() { patient.max(over) } else { over }
     }
 
     fn progress(&self) -> Progress<'_> {

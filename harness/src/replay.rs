@@ -110,7 +110,10 @@ pub async fn replay(trace: &Trace, driver: &Driver) -> Result<Replayed, ReplayEr
     let until = trace.until();
     run(&mut session, until, &mut room).await?;
     settle(&mut session, until, &mut room).await?;
-    let ended = session.close(until.max(Instant::START.next()), "replayed")?;
+    if room > 0 {
+        session.reach_end(until, |_| ()).await?;
+    }
+    let ended = session.close("replayed")?;
     let trace = ended.trace.map(|trace| Trace { end: None, ..trace });
     Ok(Replayed { digest: ended.end.digest, trace: trace.unwrap_or_else(|| Trace::new(header)) })
 }

@@ -55,6 +55,12 @@ pub struct Session {
     trace: Option<Trace>,
     brake: Option<Brake>,
     logs: bool,
+    /// When a fault began or ended last.
+    turned: Instant,
+    /// Everything that has been noted lies before this.
+    noted: Instant,
+    /// Nothing of this and later counts.
+    end: Option<Instant>,
 }
 
 /// What has happened in a step.
@@ -151,6 +157,9 @@ impl Session {
             trace: None,
             brake: None,
             logs: true,
+            turned: Instant::START,
+            noted: Instant::START,
+            end: None,
             rig,
         })
     }
@@ -211,7 +220,7 @@ impl Session {
         let telemetry = &self.telemetry;
         let value = |node: NodeId, signal: u8| telemetry.value(node, signal);
         let since = self.faults.plan(&mut self.rig, planned, now, value)?;
-        self.log_begun(&[(planned.fault.name.clone(), since)]);
+        self.note_begun(&[(planned.fault.name.clone(), since)]);
         Some(since)
     }
 
@@ -267,7 +276,7 @@ impl Session {
         // Where a silence holds time back, the fault is not due yet.
         let due = due.filter(|due| limit.silence.is_never() || self.rig.engine().frontier() >= *due);
         if let Some(due) = due.filter(|_| !happened.more) {
-            self.begin_due(due, &mut happened);
+            happened.begun.extend(self.go_on(due));
             happened.more = true;
         }
         Ok(happened)
@@ -302,17 +311,35 @@ impl Session {
         Ok((happened, quiet))
     }
 
-    /// Time has come to `now`, and everything before has happened: faults that are due begin, get worse and end.
-    pub fn go_on(&mut self, now: Instant) {
+    /// Time has come to `now`, and everything before has happened: faults that are due begin, get worse and end. Gives
+    /// those that have begun.
+    pub fn go_on(&mut self, now: Instant) -> Vec<(String, Instant)> {
+        if let Some(turn) = self.faults.next_turn().filter(|turn| *turn <= now) {
+            self.turned = self.turned.max(turn);
+        }
         let begun = self.faults.go_on(&mut self.rig, now);
-        self.log_begun(&begun);
+        self.note_begun(&begun);
+        begun
     }
 
-    /// Lets faults begin, get worse and end that are due before or at `now`, before which everything has happened.
-    fn begin_due(&mut self, now: Instant, happened: &mut Happened) {
-        let begun = self.faults.go_on(&mut self.rig, now);
-        self.log_begun(&begun);
-        happened.begun.extend(begun);
+    /// When a fault began or ended last.
+    pub const fn turned(&self) -> Instant {
+        self.turned
+    }
+
+    /// If nothing happens any more, neither by itself nor by a fault that begins or ends: since when.
+    pub fn quiet_since(&self) -> Option<Instant> {
+        let engine = self.rig.engine();
+        (engine.is_quiet() && self.faults.next_turn().is_none()).then(|| engine.quiet_since().max(self.turned))
+    }
+
+    /// The rig is not [quiet](Self::quiet_since) before this instant. Who decides something by that goes no further at
+    /// once: else it would depend on how time was cut.
+    pub fn active_until(&mut self) -> Instant {
+        self.quiet_since().unwrap_or_else(|| {
+            let fault = self.faults.next().unwrap_or(Instant::NEVER);
+            if self.rig.engine().is_quiet() { fault } else { self.rig.active_until().min(fault) }
+        })
     }
 
     /// Lets everything happen before `limit`.
@@ -387,28 +414,6 @@ impl Session {
         Ok(())
     }
 
-    /// Lets happen what is left, up to `until` unless the rig is quiet. Gives the instant that everything lies before.
-    ///
-    /// # Errors
-    /// As for a [step](Self::step).
-    pub async fn fall_still(&mut self, until: Instant, mut see: impl FnMut(Happened)) -> Result<Instant, SessionError> {
-        let engine = self.rig.engine();
-        if !engine.is_quiet() {
-            let until = engine.frontier().max(until);
-            self.settle(until, see).await?;
-            return Ok(until);
-        }
-        let until = engine.quiet_since().next();
-        loop {
-            let happened = self.catch_up(until).await?;
-            let more = happened.more;
-            see(happened);
-            if !more {
-                return Ok(until);
-            }
-        }
-    }
-
     /// At a pace, boards that nothing reaches are asked so often for what they have to tell, so that it is recorded.
     pub fn keep_up_every(&self) -> Option<Span> {
         self.recorder.as_ref()?;
@@ -420,8 +425,20 @@ impl Session {
         self.faults.unfired(&mut self.rig)
     }
 
-    /// Ends the session, of which nothing at `until` and later counts, and its recording: with the word for how it
-    /// ended.
+    /// Brings every board to the end of the session: digest and recording hold everything before that instant, and
+    /// nothing of it and later. It is `until`, unless something later has been noted. Characters on the lines are cut.
+    /// Gives the end.
+    ///
+    /// # Errors
+    /// As for a [step](Self::step).
+    pub async fn reach_end(&mut self, until: Instant, see: impl FnMut(Happened)) -> Result<Instant, SessionError> {
+        let until = until.max(self.noted).max(Instant::START.next());
+        self.settle(until, see).await?;
+        self.end = Some(until);
+        Ok(until)
+    }
+
+    /// Ends the session at `until`, and its recording: with the word for how it ended.
     ///
     /// # Errors
     /// [`SessionError`] if the rig breaks over it, or the recording cannot be written.
@@ -431,16 +448,16 @@ impl Session {
         outcome: &str,
         see: impl FnMut(Happened),
     ) -> Result<Ended, SessionError> {
-        let until = until.max(Instant::START.next());
-        self.settle(until, see).await?;
-        self.close(until, outcome)
+        self.reach_end(until, see).await?;
+        self.close(outcome)
     }
 
-    /// The same where every board has been brought to `until` already.
+    /// The same where the [end](Self::reach_end) has been reached.
     ///
     /// # Errors
     /// [`SessionError::Recording`] if the recording cannot be written.
-    pub fn close(mut self, until: Instant, outcome: &str) -> Result<Ended, SessionError> {
+    pub fn close(mut self, outcome: &str) -> Result<Ended, SessionError> {
+        let until = self.end.unwrap_or(self.noted).max(Instant::START.next());
         let at = until - Span::from_nanos(1);
         let end = End { digest: self.digest.sum().to_string(), at, outcome: outcome.to_owned() };
         if let Some(recorder) = &mut self.recorder {
@@ -493,6 +510,7 @@ impl Session {
             trace.facts.extend_from_slice(&happened.facts);
         }
         for fact in &happened.facts {
+            self.noted = self.noted.max(fact.last().next());
             self.digest.add(fact);
             self.telemetry.add(fact);
             if let Fact::Event { node, at, event, value } = fact
@@ -508,12 +526,13 @@ impl Session {
             happened.begun.extend(begun);
             happened.hits.push(hit);
         }
-        self.log_begun(&happened.begun);
+        self.note_begun(&happened.begun);
         self.replies.iter_mut().for_each(|replies| replies.keep_last(REPLIES));
         Ok(happened)
     }
 
-    fn log_begun(&self, begun: &[(String, Instant)]) {
+    fn note_begun(&mut self, begun: &[(String, Instant)]) {
+        self.turned = begun.iter().map(|(_, since)| *since).chain([self.turned]).max().unwrap_or_default();
         if self.logs {
             begun.iter().for_each(|(name, since)| log::begun(name, *since));
         }
@@ -585,6 +604,26 @@ mod tests {
         };
         let received = in_process(session).unwrap();
         assert_eq!(received, [vec![0x06, 0x11], vec![0x05, 0, 5, 1]]);
+    }
+
+    #[test]
+    fn a_session_ends_after_all_that_has_been_noted() {
+        let file = RigFile::load("lathe").unwrap();
+        let ms = |ms| Instant::START + Span::from_millis(ms);
+        let session = async {
+            let mut session = Session::start(&file, &Driver::InProcess, file.pc.uart()).await?.quiet();
+            session.keep(file.header("lathe", 0, None));
+            let pc = session.rig().pc();
+            session.stimulate(pc, ms(10), Stimulus::Write(vec![0x55; 8]));
+            session.advance(Limit::until(ms(15)), |_| ()).await?;
+            session.finish(ms(12), "ended", |_| ()).await
+        };
+        let ended: Result<Ended, SessionError> = in_process(session);
+        let trace = ended.unwrap().trace.unwrap();
+        let last = trace.facts.iter().map(Fact::last).max().unwrap();
+        // In the middle of a character.
+        assert!(ms(14) < last && last < ms(15), "{last}");
+        assert_eq!(trace.until(), last.next());
     }
 
     #[test]

@@ -168,6 +168,14 @@ impl Fact {
             Self::Telemetry { at, .. } | Self::Event { at, .. } => *at,
         }
     }
+
+    /// When it happened, or the last of its edges.
+    pub fn last(&self) -> Instant {
+        match self {
+            Self::Edges { edges, .. } => edges.last().map_or(Instant::START, |edge| edge.at),
+            Self::Telemetry { at, .. } | Self::Event { at, .. } => *at,
+        }
+    }
 }
 
 /// A board told something that it had promised not to do: a defect in the board.
@@ -475,10 +483,19 @@ impl Engine {
         changes.min().unwrap_or(Instant::NEVER)
     }
 
-    /// When the rig fell [quiet](Self::is_quiet): the last instant at which a board became mute.
+    /// When the rig fell [quiet](Self::is_quiet): the last instant at which a board became mute, or something happened
+    /// on a line.
     pub fn quiet_since(&self) -> Instant {
         let since = self.nodes.iter().filter(|node| node.life == Life::Runs).filter_map(|node| node.mute_since);
-        since.max().unwrap_or_default()
+        since.chain(self.lines.iter().map(Wire::last_change)).max().unwrap_or_default()
+    }
+
+    /// The rig is not [quiet](Self::is_quiet) before this instant, unless something comes from outside.
+    pub fn active_until(&mut self) -> Instant {
+        self.bound();
+        // What a board was to do to a line can be cut short before.
+        let change = Some(self.next_instant()).filter(|_| !self.next_change().is_never());
+        self.nodes.iter().map(Node::active_until).chain(change).max().unwrap_or_default()
     }
 
     /// The silence of the world outside that some board waits for now.

@@ -269,6 +269,21 @@ impl Node {
         }
     }
 
+    /// Something happens on it at this instant or later, whatever it hears. If it is [quiet](Self::is_quiet): since
+    /// when.
+    pub(super) fn active_until(&self) -> Instant {
+        // What it has told of this instant and later need not hold.
+        let unheard = self.eit.min(self.effect);
+        let told = |told: &&Timed| !matches!(told.output, Output::Telemetry { .. });
+        let told = self.ahead.iter().rev().find(told).map(|told| told.at);
+        match (self.life, self.mute_since) {
+            (Life::Stopped | Life::Gone, _) => Instant::START,
+            (Life::Runs, None) => self.commit.max(told.unwrap_or_default().max(self.horizon).min(unheard)),
+            (Life::Runs, Some(_)) if !self.effect.is_never() => unheard,
+            (Life::Runs, Some(since)) => told.unwrap_or(since).min(unheard),
+        }
+    }
+
     pub(super) fn hear(&mut self, heard: Heard) {
         if self.life == Life::Gone {
             return;

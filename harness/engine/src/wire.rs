@@ -149,6 +149,8 @@ pub(super) struct Wire {
     sound_from: Instant,
     /// Faults that have met their character, since they were asked for.
     fired: Vec<FaultId>,
+    /// The last instant at which something happened to it while it was disturbed, if only a fault that ended.
+    happened: Instant,
 }
 
 impl Noise {
@@ -176,6 +178,7 @@ impl Wire {
             taken: Instant::START,
             sound_from: Instant::START,
             fired: Vec::new(),
+            happened: Instant::START,
         }
     }
 
@@ -386,6 +389,7 @@ impl Wire {
             }
             if level_changes || self.next_from(at, &driven) == at {
                 reached = at.next();
+                self.happened = at;
             }
             at = self.next_from(at.next(), &driven);
         }
@@ -456,6 +460,11 @@ impl Wire {
             self.sound_from = passed;
             self.passed = None;
         }
+    }
+
+    /// The last instant at which something happens on it, as far as it has been handed on.
+    pub(super) fn last_change(&self) -> Instant {
+        self.told.at.max(self.happened)
     }
 
     /// Before this instant nothing of it changes any more, however far its sender is settled.

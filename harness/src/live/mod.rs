@@ -94,13 +94,14 @@ impl Live {
     /// # Errors
     /// [`SessionError`] if the rig breaks over it, or the recording cannot be written.
     pub async fn end(mut self) -> Result<Left, SessionError> {
-        let end = self.now().max(self.session.rig().engine().frontier()).max(Instant::START.next());
+        let mut end = self.now().max(self.session.rig().engine().frontier()).max(Instant::START.next());
         if self.session.is_recorded() {
             self.settle(end).await?;
+            end = self.session.reach_end(end, |_| ()).await?;
         }
         let left = Left { end, unfired: self.session.unfired(), incidents: self.incidents };
         if self.session.is_recorded() {
-            self.session.close(end, INTERRUPTED)?;
+            self.session.close(INTERRUPTED)?;
         }
         Ok(left)
     }

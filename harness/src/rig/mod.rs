@@ -364,6 +364,11 @@ impl Rig {
         &self.engine
     }
 
+    /// See [`Engine::active_until`].
+    pub fn active_until(&mut self) -> Instant {
+        self.engine.active_until()
+    }
+
     /// What has been settled since the last call.
     pub fn take_facts(&mut self) -> Vec<Fact> {
         self.engine.take_facts()

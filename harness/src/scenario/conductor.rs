@@ -323,6 +323,19 @@ impl<'a> Conductor<'a> {
         }
     }
 
+    /// Brings every board to the end. Gives that.
+    async fn reach_end(&mut self, until: Instant) -> Result<Instant, SessionError> {
+        self.catch_up(until).await?;
+        // What is left lies between `until` and what has been noted already.
+        let mut left = Vec::new();
+        let end = self.session.reach_end(until, |happened| left.push(happened)).await?;
+        for happened in left {
+            let hits = self.take_note(happened);
+            hits.into_iter().for_each(|hit| self.check_forbidden(hit));
+        }
+        Ok(end)
+    }
+
     /// Takes note of what has happened. Gives what watches have seen.
     fn take_note(&mut self, mut happened: Happened) -> Vec<Hit> {
         // What may be the cause of a failure first, as a failure tells what has been noted before.
@@ -457,21 +470,13 @@ impl<'a> Conductor<'a> {
     async fn finish(mut self, passed: bool) -> Result<Outcome, SessionError> {
         let limit = Instant::START + self.scenario.end;
         let end = if passed { self.fall_quiet(limit).await? } else { self.now };
-        self.catch_up(end).await?;
-        self.now = end;
+        self.now = self.reach_end(end).await?;
         if passed {
             self.check_end();
         }
         self.check_part(passed);
-        let ended = self.session.close(end, Verdict::of(&self.failures).name())?;
-        Ok(Outcome { failures: self.failures, digest: ended.end.digest, end, replies: self.replies })
-    }
-
-    /// When the scenario is over, if the rig is quiet.
-    fn quiet_end(&mut self) -> Option<Instant> {
-        let over = self.session.faults().0.next_turn().is_none();
-        let engine = self.rig().engine();
-        (engine.is_quiet() && over).then(|| engine.quiet_since().next().max(self.now))
+        let ended = self.session.close(Verdict::of(&self.failures).name())?;
+        Ok(Outcome { failures: self.failures, digest: ended.end.digest, end: self.now, replies: self.replies })
     }
 
     /// Lets everything happen until the rig is quiet, but nothing after `limit`. Says when that is.
@@ -486,15 +491,13 @@ impl<'a> Conductor<'a> {
         }
         loop {
             self.advance(self.now, None).await?;
-            if let Some(end) = self.quiet_end() {
-                return Ok(end.min(limit));
-            }
-            if self.now >= limit {
-                return Ok(limit);
+            let quiet = self.session.quiet_since();
+            if self.now >= limit || quiet.is_some_and(|since| since < self.now) {
+                return Ok(self.now);
             }
             // As far as the next thing that happens, and no further: a watched board that is mute is never at an end.
-            let turn = self.session.faults().0.next_turn().unwrap_or(Instant::NEVER);
-            let next = self.rig().engine().next_instant().min(turn);
+            let turn = self.session.faults().0.next().unwrap_or(Instant::NEVER);
+            let next = quiet.unwrap_or_else(|| self.rig().engine().next_instant().min(turn));
             self.now = limit.min(next.next().max(self.now.next()));
         }
     }
