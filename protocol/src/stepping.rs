@@ -537,7 +537,9 @@ impl<B: Board> Stepper<B> {
                 break;
             };
             self.horizon = at;
-            if at >= until && (self.head.mute_since.is_some() || at >= cap || at >= run_on) {
+            // What is told lies before the horizon, so it does not end within an instant.
+            let begun = at == self.head.handled;
+            if !begun && at >= until && (self.head.mute_since.is_some() || at >= cap || at >= run_on) {
                 break;
             }
             if self.since_checkpoint >= CHECKPOINT_EVERY {

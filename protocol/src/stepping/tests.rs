@@ -112,6 +112,44 @@ fn caught_up(report_max: usize) -> (Vec<Timed>, usize) {
     }
 }
 
+/// Tells when its supply comes, and wants to run again at the same instant, and never before that or later.
+#[derive(Clone, Debug, Default)]
+struct Starter {
+    deadline: Option<Instant>,
+    tells: bool,
+}
+
+impl Board for Starter {
+    fn description(&self) -> Description {
+        Description::default()
+    }
+
+    fn receivers(&self) -> Vec<Receiver> {
+        vec![]
+    }
+
+    fn handle_input(&mut self, now: Instant, input: Input) {
+        self.tells = matches!(input, Input::Stimulus(Stimulus::Power(true)));
+        self.deadline = self.tells.then_some(now);
+    }
+
+    fn handle_timeout(&mut self, _: Instant) {
+        self.deadline = None;
+    }
+
+    fn poll_output(&mut self) -> Option<Output> {
+        core::mem::take(&mut self.tells).then_some(Output::Event { event: 0, value: 0 })
+    }
+
+    fn poll_timeout(&self) -> Option<Deadline> {
+        self.deadline.map(|at| Deadline { at, why: "start" })
+    }
+
+    fn mute(&self) -> bool {
+        true
+    }
+}
+
 #[test]
 fn a_mute_board_tells_what_it_has_done_in_as_many_reports_as_it_takes() {
     let (expected, one) = caught_up(usize::MAX);
@@ -119,6 +157,20 @@ fn a_mute_board_tells_what_it_has_done_in_as_many_reports_as_it_takes() {
     for (report_max, reports) in [(300, 1), (100, 3), (7, 43), (1, 299)] {
         assert_eq!(caught_up(report_max), (expected.clone(), reports));
     }
+}
+
+#[test]
+fn what_a_board_has_told_is_not_told_anew_when_nothing_is_heard() {
+    let mut stepper = Stepper::new(Starter::default());
+    let power = |at, on| stimulus(at, Stimulus::Power(on));
+    let mut left: Vec<Instant> = Vec::new();
+    for (until, heard) in [(1, vec![power(ms(10), false), power(ms(20), true)]), (900, vec![])] {
+        let report = stepper.grant(grant(ms(until), heard)).unwrap();
+        // What lies at or after `from` takes the place of what was told of that time.
+        left.retain(|at| *at < report.from);
+        left.extend(report.outputs.iter().map(|told| told.at));
+    }
+    assert_eq!(left, [ms(20)]);
 }
 
 #[test]
