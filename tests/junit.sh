@@ -46,7 +46,7 @@ counts = (report.tests, report.failures, report.errors)
 assert counts == (4, 1, 1) and report.time > 0, (counts, report.time)
 suites = list(report)
 assert [suite.name for suite in suites] == [suite._elem.attrib["file"] for suite in suites]
-assert sorted(suite.name for suite in suites)[0] == "./below/fail.toml"
+assert sorted(suite.name for suite in suites)[0] == "below/fail.toml"
 cases = [case for suite in suites for case in suite]
 counts = [sum(getattr(suite, count) for suite in suites) for count in ("tests", "failures", "errors", "skipped")]
 assert counts == [4, 1, 1, 1], counts

@@ -14,8 +14,9 @@ pub(super) fn junit(attempts: &[Attempt]) -> Result<String, quick_junit::Seriali
     report.set_time(attempts.iter().map(Attempt::wall).sum());
     for attempt in attempts {
         // The schema lets a suite name its file, and a case not. So each file is a suite.
-        let mut suite = TestSuite::new(attempt.path());
-        suite.extra.insert("file".into(), attempt.path().into());
+        let file = attempt.path().strip_prefix("./").unwrap_or(attempt.path());
+        let mut suite = TestSuite::new(file);
+        suite.extra.insert("file".into(), file.into());
         suite.set_time(attempt.wall()).add_test_case(case(attempt));
         report.add_test_suite(suite);
     }
