@@ -10,15 +10,14 @@ use torno_engine::Fact;
 #[derive(Clone, Debug)]
 pub struct ToolPath {
     part: Part,
-    told: Vec<Told>,
+    /// Of each of the part's [sources](sources), in order.
+    told: [Vec<Told>; 3],
 }
 
 /// A quantity's new value.
 #[derive(Clone, Copy, Debug)]
 struct Told {
     at: Instant,
-    /// 0 is z, 1 is x, 2 the spindle.
-    source: usize,
     signal: u8,
     value: i64,
 }
@@ -36,12 +35,13 @@ pub struct Turned {
 struct Sum<'a> {
     source: &'a Source,
     values: Vec<i64>,
+    sum: i64,
 }
 
 impl<'a> Sum<'a> {
     /// Quantities count from where the rig starts: they are 0 there.
     fn new(source: &'a Source) -> Self {
-        Self { source, values: vec![0; source.signals.len()] }
+        Self { source, values: vec![0; source.signals.len()], sum: 0 }
     }
 
     fn put(&mut self, signal: u8, value: i64) {
@@ -50,48 +50,54 @@ impl<'a> Sum<'a> {
                 *place = value;
             }
         }
+        self.sum = self.values.iter().fold(0, |sum, value| sum.saturating_add(*value));
     }
+}
 
-    fn sum(&self) -> i64 {
-        self.values.iter().fold(0, |sum, value| sum.saturating_add(*value))
-    }
+/// What moves the tool along the bar and across it, and what turns the bar.
+fn sources(part: &Part) -> [&Source; 3] {
+    [&part.z.way, &part.x.way, &part.spindle]
 }
 
 impl ToolPath {
     /// A tool that has not moved yet.
     pub fn new(part: &Part) -> Self {
-        Self { part: part.clone(), told: Vec::new() }
+        Self { part: part.clone(), told: Default::default() }
     }
 
     /// Takes note of a fact.
     pub fn add(&mut self, fact: &Fact) {
         let Fact::Telemetry { node, at, signal, value } = fact else { return };
-        let sources = [&self.part.z.way, &self.part.x.way, &self.part.spindle];
-        for (source, known) in sources.into_iter().enumerate() {
-            if known.node == *node && known.signals.contains(signal) {
-                self.told.push(Told { at: *at, source, signal: *signal, value: *value });
+        for (source, told) in sources(&self.part).iter().zip(&mut self.told) {
+            if source.node == *node && source.signals.contains(signal) {
+                told.push(Told { at: *at, signal: *signal, value: *value });
             }
         }
     }
 
     /// Cuts the bar along it.
-    pub fn cut(mut self) -> Turned {
-        let part = &self.part;
-        let mut sums = [&part.z.way, &part.x.way, &part.spindle].map(Sum::new);
+    pub fn cut(self) -> Turned {
+        let Self { part, told } = self;
+        let mut sums = sources(&part).map(Sum::new);
         let mut place = part.place(0, 0);
         let mut turning = Turning::new(part.bar(), part.nose, part.limits, part.resolution(), place);
         // What different boards tell is settled in no certain order; what one tells is in the order of time.
-        self.told.sort_by_key(|told| told.at);
-        for told in self.told.chunk_by(|a, b| a.at == b.at) {
-            for Told { source, signal, value, .. } in told {
-                sums[*source].put(*signal, *value);
+        let mut told = told.each_ref().map(Vec::as_slice);
+        while let Some(at) = told.iter().filter_map(|told| told.first()).map(|told| told.at).min() {
+            for (sum, told) in sums.iter_mut().zip(&mut told) {
+                while let [first, rest @ ..] = *told
+                    && first.at == at
+                {
+                    sum.put(first.signal, first.value);
+                    *told = rest;
+                }
             }
-            let to = part.place(sums[0].sum(), sums[1].sum());
+            let to = part.place(sums[0].sum, sums[1].sum);
             if to != place {
                 place = to;
-                turning.go(told[0].at.as_secs_f64(), place);
+                turning.go(at.as_secs_f64(), place);
             }
-            turning.spin(part.spindle.per_count * sums[2].sum() as f64);
+            turning.spin(part.spindle.per_count * sums[2].sum as f64);
         }
         let (profile, happenings) = turning.finish();
         Turned { profile, happenings }
