@@ -92,11 +92,12 @@ impl Profile {
             }
             let within = first.saturating_sub(start)..radii.len().min(last + 1 - start);
             let from = start + within.start;
+            let flat = sweep.flat(Self::z(from), Self::z(start + within.end - 1));
             for (point, radius) in (from..).zip(&mut radii[within]) {
                 if *radius <= cut {
                     continue;
                 }
-                let left = sweep.height(Self::z(point)).max(0.0);
+                let left = flat.unwrap_or_else(|| sweep.height(Self::z(point)));
                 let off = *radius - left;
                 if off > NOTHING {
                     *radius = left;
@@ -135,8 +136,8 @@ impl Profile {
     }
 }
 
-/// The lowest that a nose comes on a straight way. The edge is convex, so that for each point of the axis one part of
-/// the way is the lowest.
+/// The lowest that a nose comes on a straight way, not beyond the axis. The edge is convex, so that for each point of
+/// the axis one part of the way is the lowest.
 struct Sweep<'a> {
     nose: &'a Nose,
     from: Place,
@@ -159,10 +160,21 @@ impl<'a> Sweep<'a> {
             far if far <= 0.0 => 0.0,
             far if far >= dz * dz => 1.0,
             // Along the bar, the arc's lowest point has gone past here.
-            _ if dx == 0.0 => return self.from.x,
+            _ if dx == 0.0 => return self.from.x.max(0.0),
             far => far / (dz * dz),
         };
-        self.from.x + share * dx + self.nose.height(along - share * dz)
+        (self.from.x + share * dx + self.nose.height(along - share * dz)).max(0.0)
+    }
+
+    /// The height everywhere between two points, if it is the same: along the bar, where the arc's lowest point has
+    /// gone past both.
+    fn flat(&self, one: f64, other: f64) -> Option<f64> {
+        let Place { z: dz, x: dx } = self.way;
+        let passed = |z: f64| {
+            let far = (z - self.from.z - self.touch) * dz;
+            far > 0.0 && far < dz * dz
+        };
+        (dx == 0.0 && passed(one) && passed(other)).then_some(self.from.x.max(0.0))
     }
 }
 
