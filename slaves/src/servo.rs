@@ -485,7 +485,8 @@ impl Board for Servo {
     }
 
     fn poll_output(&mut self) -> Option<Output> {
-        if let Some((signal, value)) = self.telemetry.poll(self.values()) {
+        self.telemetry.note(self.values());
+        if let Some((signal, value)) = self.telemetry.poll() {
             return Some(Output::Telemetry { signal, value });
         }
         if let Some(output) = self.outputs.pop_front() {

@@ -33,6 +33,7 @@ impl<M: Machine> Task<M> {
     pub fn start(&mut self, now: Instant, sub_frame: M::SubFrame) {
         self.machine.start(now, sub_frame);
         self.schedule.start(now);
+        self.note();
     }
 }
 
@@ -54,11 +55,13 @@ impl<M: Machine + ?Sized> Task<M> {
             self.machine.serve(*per_mille);
         }
         self.sample_unless_at_rest(now);
+        self.note();
     }
 
     /// The firmware starts anew.
     pub fn reset(&mut self, now: Instant) {
         self.machine.reset(now);
+        self.note();
     }
 
     /// The supply goes or comes.
@@ -67,6 +70,7 @@ impl<M: Machine + ?Sized> Task<M> {
         self.machine.reset(now);
         self.schedule.stop();
         self.sample_unless_at_rest(now);
+        self.note();
     }
 
     /// Counts in `clock` from the sample on that is to come.
@@ -83,12 +87,13 @@ impl<M: Machine + ?Sized> Task<M> {
         if (!busy || progress != Progress::Going) && self.machine.is_at_rest() {
             self.schedule.stop();
         }
+        self.note();
         progress
     }
 
     /// A quantity that has changed: its place among the signals, and its value.
     pub fn poll_telemetry(&mut self) -> Option<(u8, i64)> {
-        self.telemetry.poll(self.machine.values())
+        self.telemetry.poll()
     }
 
     /// When the next sample is due.
@@ -99,6 +104,11 @@ impl<M: Machine + ?Sized> Task<M> {
     /// A sample may fail although no sub-frame is being executed.
     pub fn is_on_watch(&self) -> bool {
         self.machine.is_on_watch()
+    }
+
+    /// Takes note of the quantities, of which any may have changed.
+    fn note(&mut self) {
+        self.telemetry.note(self.machine.values());
     }
 
     fn sample_unless_at_rest(&mut self, now: Instant) {
