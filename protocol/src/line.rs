@@ -65,15 +65,10 @@ impl Waveform {
         self.level_after(self.edges.partition_point(|edge| edge.at <= t))
     }
 
-    /// The level just before `t`; an edge at `t` does not count.
-    pub fn level_before(&self, t: Instant) -> Level {
-        self.level_after(self.edges.partition_point(|edge| edge.at < t))
-    }
-
-    /// The level just before `first`, if it is still that just before `last`.
-    pub fn steady(&self, first: Instant, last: Instant) -> Option<Level> {
-        let n = self.edges.partition_point(|edge| edge.at < first);
-        self.edges.get(n).is_none_or(|edge| edge.at >= last).then(|| self.level_after(n))
+    /// A reader that stands at `t`.
+    pub fn reader(&self, t: Instant) -> Reader<'_> {
+        let n = self.edges.partition_point(|edge| edge.at < t);
+        Reader { level: self.level_after(n), coming: &self.edges[n..] }
     }
 
     /// The first edge to low at or after `t`.
@@ -122,6 +117,31 @@ impl Waveform {
     }
 }
 
+/// Reads a waveform at instants of which none comes before the last.
+#[derive(Clone, Debug)]
+pub struct Reader<'a> {
+    level: Level,
+    coming: &'a [Edge],
+}
+
+impl Reader<'_> {
+    /// The level just before `t`; an edge at `t` does not count.
+    pub fn level_before(&mut self, t: Instant) -> Level {
+        while let [edge, rest @ ..] = self.coming
+            && edge.at < t
+        {
+            (self.level, self.coming) = (edge.level, rest);
+        }
+        self.level
+    }
+
+    /// The level just before `first`, if it is still that just before `last`.
+    pub fn steady(&mut self, first: Instant, last: Instant) -> Option<Level> {
+        let level = self.level_before(first);
+        self.coming.first().is_none_or(|edge| edge.at >= last).then_some(level)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -148,13 +168,14 @@ mod tests {
     #[test]
     fn what_a_sample_reads_is_the_level_before_it() {
         let line = pulse();
-        assert_eq!(
-            [10, 11, 20, 21].map(|t| line.level_before(at(t))),
-            [Level::High, Level::Low, Level::Low, Level::High]
-        );
-        assert_eq!(line.steady(at(11), at(20)), Some(Level::Low));
-        assert_eq!([(10, 11), (11, 21)].map(|(first, last)| line.steady(at(first), at(last))), [None, None]);
-        assert_eq!([10, 20].map(|t| line.steady(at(t), at(t))), [Some(Level::High), Some(Level::Low)]);
+        let levels = [Level::High, Level::Low, Level::Low, Level::High];
+        assert_eq!([10, 11, 20, 21].map(|t| line.reader(at(t)).level_before(at(t))), levels);
+        let mut reader = line.reader(at(10));
+        assert_eq!([10, 11, 20, 21].map(|t| reader.level_before(at(t))), levels);
+        let steady = |first, last| line.reader(at(5)).steady(at(first), at(last));
+        assert_eq!(steady(11, 20), Some(Level::Low));
+        assert_eq!([(10, 11), (11, 21)].map(|(first, last)| steady(first, last)), [None, None]);
+        assert_eq!([10, 20].map(|t| steady(t, t)), [Some(Level::High), Some(Level::Low)]);
     }
 
     #[test]

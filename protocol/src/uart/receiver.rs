@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use serde::{Deserialize, Serialize};
 
 use crate::clock::{Clock, Rate, Ticks};
-use crate::line::{Edge, Level, Waveform};
+use crate::line::{Edge, Level, Reader, Waveform};
 use crate::time::{Instant, Span};
 use crate::uart::{BITS_PER_CHARACTER, Character};
 
@@ -268,9 +268,10 @@ impl Receiver {
             let delivery = self.instant(&ticks, start + self.last_sample());
             // A nanosecond more than the votes of a cell lie apart, for the rounding of ticks.
             let apart = ticks.span(self.last_vote() - self.votes.first().copied().unwrap_or(0)) + Span::from_nanos(1);
-            let level = |cell| self.level(&ticks, start, cell, apart);
+            let mut reader = self.line.reader(fall);
+            let mut level = |cell| self.level(&mut reader, &ticks, start, cell, apart);
             let attempt = if level(0) == Level::Low {
-                let byte = (1..=8).rev().fold(0, |byte, bit| byte << 1 | (level(bit) == Level::High) as u8);
+                let byte = (1..=8).fold(0, |byte, bit| byte >> 1 | ((level(bit) == Level::High) as u8) << 7);
                 let framing_error = level(9) == Level::Low;
                 let character = Character { byte, framing_error, overrun: false };
                 Attempt { fall, until: delivery, delivery, character: Some(character) }
@@ -286,17 +287,15 @@ impl Receiver {
     /// The majority of the readings in bit cell `cell` of a character that started at tick `start`. A sample reads what
     /// the line was just before it (ours): no edge at the instant of the last sample can then change the character that
     /// is handed over at that instant.
-    fn level(&self, ticks: &Ticks, start: u64, cell: u64, apart: Span) -> Level {
+    fn level(&self, reader: &mut Reader<'_>, ticks: &Ticks, start: u64, cell: u64, apart: Span) -> Level {
         let tick = |vote: u64| self.instant(ticks, start + cell * self.per_bit + vote);
         // Nearly always all votes are one.
-        if let [first, _, ..] = self.votes {
-            let first = tick(*first);
-            if let Some(level) = self.line.steady(first, first + apart) {
-                return level;
-            }
+        if let Some(first) = self.votes.first().map(|vote| tick(*vote))
+            && let Some(level) = reader.steady(first, first + apart)
+        {
+            return level;
         }
-        let read = |vote: &&u64| self.line.level_before(tick(**vote)) == Level::High;
-        let high = self.votes.iter().filter(read).count();
+        let high = self.votes.iter().filter(|vote| reader.level_before(tick(**vote)) == Level::High).count();
         if 2 * high > self.votes.len() { Level::High } else { Level::Low }
     }
 
