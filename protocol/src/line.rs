@@ -54,6 +54,12 @@ impl Waveform {
         }
     }
 
+    /// Adds edges, in order.
+    pub fn extend(&mut self, edges: &[Edge]) {
+        self.edges.reserve(edges.len());
+        edges.iter().for_each(|edge| self.push(*edge));
+    }
+
     /// Withdraws every edge at or after `at` and lets the line go idle there.
     pub fn cut(&mut self, at: Instant) {
         self.edges.retain(|edge| edge.at < at);

@@ -204,7 +204,7 @@ impl Wire {
     /// A character is committed at `at`. Gives what its receiver hears of it at once.
     pub(super) fn carry(&mut self, at: Instant, edges: Vec<Edge>, end: Instant) -> Option<Vec<Edge>> {
         let edges = self.tamper(at, edges, end);
-        edges.iter().for_each(|edge| self.driven.push(*edge));
+        self.driven.extend(&edges);
         if self.is_disturbed() || edges.is_empty() {
             return None;
         }

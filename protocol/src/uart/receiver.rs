@@ -155,7 +155,7 @@ impl Receiver {
         let Some(first) = edges.first() else { return };
         self.forget_tunings(first.at);
         self.reconsider(first.at);
-        edges.iter().for_each(|edge| self.line.push(*edge));
+        self.line.extend(edges);
         self.follow_up();
     }
 
