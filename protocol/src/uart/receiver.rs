@@ -17,6 +17,8 @@ use crate::uart::{BITS_PER_CHARACTER, Character};
 #[derive(Clone, Debug)]
 pub struct Receiver {
     ticks: Ticks,
+    /// The lookahead of these ticks. Kept, as it is asked for far more often than they change.
+    own_lookahead: Span,
     /// The ticks before those, as long as they can matter.
     older: Vec<Tuning>,
     /// The least lookahead of the tunings that have been forgotten since the last edge.
@@ -83,8 +85,9 @@ impl Receiver {
     }
 
     fn new(ticks: Ticks, latency: Span, per_bit: u64, votes: &'static [u64], buffered: bool) -> Self {
-        Self {
+        let mut receiver = Self {
             ticks,
+            own_lookahead: Span::ZERO,
             older: Vec::new(),
             least_lookahead: Span::from_nanos(u64::MAX),
             latency,
@@ -95,7 +98,9 @@ impl Receiver {
             search_from: Instant::START,
             attempts: VecDeque::new(),
             taken: None,
-        }
+        };
+        receiver.own_lookahead = receiver.lookahead_at(ticks);
+        receiver
     }
 
     /// Gives way to a receiver of the same kind at another speed, which hears the same line from `now` on. A character
@@ -129,6 +134,7 @@ impl Receiver {
         }
         self.older.push(Tuning { before: now, ticks: self.ticks });
         self.ticks = ticks;
+        self.own_lookahead = self.lookahead_at(ticks);
     }
 
     /// No character is being received by these ticks.
@@ -201,7 +207,7 @@ impl Receiver {
     /// The least time between a start edge and the character it starts: 9.5 bit times or a little less.
     pub fn lookahead(&self) -> Span {
         let older = self.older.iter().map(|tuning| self.lookahead_at(tuning.ticks));
-        older.fold(self.lookahead_at(self.ticks).min(self.least_lookahead), Span::min)
+        older.fold(self.own_lookahead.min(self.least_lookahead), Span::min)
     }
 
     fn lookahead_at(&self, ticks: Ticks) -> Span {
