@@ -35,6 +35,8 @@ pub struct Cell<B> {
     coming: Option<(Instant, usize)>,
     /// What each port has received and the firmware has not fetched.
     waiting: Vec<Waiting>,
+    /// Whether there is anything of that. Kept, as `coming` is.
+    waits: bool,
     stimuli: VecDeque<(Instant, Stimulus)>,
     /// There is no supply.
     off: bool,
@@ -64,6 +66,7 @@ impl<B: Board> Cell<B> {
             receivers,
             coming: None,
             waiting,
+            waits: false,
             stimuli: VecDeque::new(),
             off: false,
             hung: 0,
@@ -140,15 +143,14 @@ impl<B: Board> Cell<B> {
                 next = Some((at, what));
             }
         };
-        if self.fetches() {
+        let runs = self.runs();
+        if runs && self.waits {
             consider(self.ready(), Next::Fetch);
         }
         if let Some((at, port)) = self.coming {
             consider(at, Next::Character(port));
         }
-        if self.runs()
-            && let Some(deadline) = self.board.poll_timeout()
-        {
+        if runs && let Some(deadline) = self.board.poll_timeout() {
             // One that passed while the firmware was hung or busy is due as soon as it is not.
             consider(deadline.at.max(self.ready()), Next::Deadline);
         }
@@ -166,8 +168,8 @@ impl<B: Board> Cell<B> {
     }
 
     /// Something waits that the firmware will fetch.
-    fn fetches(&self) -> bool {
-        self.runs() && !self.waiting.iter().all(Waiting::is_empty)
+    const fn fetches(&self) -> bool {
+        self.waits && self.runs()
     }
 
     /// Handles the next thing, and gives what the board does.
@@ -188,6 +190,7 @@ impl<B: Board> Cell<B> {
             Next::Fetch => {
                 let fetched =
                     self.waiting.iter_mut().enumerate().find_map(|(port, waiting)| Some((port, waiting.take()?)));
+                self.waits = !self.waiting.iter().all(Waiting::is_empty);
                 if let Some((port, character)) = fetched {
                     self.deliver(at, port, character, emit);
                 }
@@ -237,6 +240,7 @@ impl<B: Board> Cell<B> {
 
     fn power(&mut self, at: Instant, on: bool, emit: &mut impl FnMut(Instant, Output)) {
         self.waiting = self.receivers.iter().map(Waiting::at).collect();
+        self.waits = false;
         self.busy_until = at;
         self.hung = 0;
         if !on {
@@ -266,6 +270,7 @@ impl<B: Board> Cell<B> {
             self.deliver(at, port, character, emit);
         } else if !self.off && (self.hung == 0 && self.stopped.is_none() || self.receivers[port].is_buffered()) {
             self.waiting[port].push(character);
+            self.waits = true;
         }
     }
 
