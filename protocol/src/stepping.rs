@@ -23,8 +23,6 @@ const CHECKPOINT_EVERY: u32 = 24;
 
 /// A report that holds so many outputs is full: a board that is far behind tells what it has caught up with in several.
 const REPORT_MAX: usize = 20_000;
-/// So many outputs are made room for at once: about as many as a busy slave has in [`RUN_AHEAD`].
-const OUTPUTS: usize = 128;
 
 /// A board with the receivers of its ports: everything that must be put back to run it again from an earlier instant.
 #[derive(Clone, Debug)]
@@ -382,6 +380,8 @@ pub struct Stepper<B> {
     horizon: Instant,
     /// A report with so many outputs is full.
     report_max: usize,
+    /// So many outputs are made room for at once: as many as there were lately.
+    room: usize,
 }
 
 /// An earlier state. Most are never gone back to, so it hears what has come since only if it is.
@@ -416,6 +416,7 @@ impl<B: Board> Stepper<B> {
             since_checkpoint: 0,
             horizon: Instant::START,
             report_max: REPORT_MAX,
+            room: 0,
         }
     }
 
@@ -442,7 +443,7 @@ impl<B: Board> Stepper<B> {
             self.roll_back(effect);
         }
         let from = self.horizon.min(effect.unwrap_or(Instant::NEVER));
-        let mut report = Report { from, outputs: Vec::with_capacity(OUTPUTS), ..Report::default() };
+        let mut report = Report { from, outputs: Vec::with_capacity(self.room), ..Report::default() };
         report.silences.extend(self.head.silence);
         let report_max = if effect.is_none() { self.report_max } else { usize::MAX };
         match self.catch_up(effect.unwrap_or(grant.until), report_max, &mut report)? {
@@ -461,6 +462,7 @@ impl<B: Board> Stepper<B> {
             }
         }
         self.settle(grant.commit);
+        self.room = report.outputs.len().max(self.room - self.room / 8);
         report.horizon = self.horizon;
         report.mute_since = self.head.mute_since;
         report.ears = self.head.receivers.iter().map(Receiver::ear).collect();
