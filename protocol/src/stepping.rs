@@ -440,7 +440,7 @@ impl<B: Board> Stepper<B> {
         self.forget_before(grant.commit);
         let effect = grant.heard.iter().map(|heard| self.head.effect(heard)).min();
         if let Some(effect) = effect.filter(|effect| *effect <= self.head.handled) {
-            self.roll_back(effect);
+            self.roll_back(effect, grant.commit);
         }
         let from = self.horizon.min(effect.unwrap_or(Instant::NEVER));
         let mut report = Report { from, outputs: Vec::with_capacity(self.room), ..Report::default() };
@@ -486,15 +486,17 @@ impl<B: Board> Stepper<B> {
     }
 
     /// Goes back to a state in which nothing at or after `effect` has been handled. What lies before has been told.
-    fn roll_back(&mut self, effect: Instant) {
+    fn roll_back(&mut self, effect: Instant, commit: Instant) {
         let usable = self.checkpoints.partition_point(|checkpoint| checkpoint.cell.handled < effect).max(1);
-        let since: Vec<Heard> =
-            self.checkpoints[usable - 1..].iter_mut().flat_map(|checkpoint| checkpoint.since.drain(..)).collect();
-        self.checkpoints.truncate(usable);
-        if let Some(Checkpoint { cell, .. }) = self.checkpoints.last_mut() {
-            since.iter().for_each(|heard| cell.hear(heard));
-            self.head = cell.clone();
+        let mut later = self.checkpoints.drain(usable - 1..);
+        let Some(Checkpoint { mut cell, mut since }) = later.next() else { return };
+        later.for_each(|later| since.extend(later.since));
+        since.iter().for_each(|heard| cell.hear(heard));
+        // Otherwise nothing before `effect` will be gone back to.
+        if commit < effect {
+            self.checkpoints.push(Checkpoint::of(&cell));
         }
+        self.head = cell;
         self.since_checkpoint = 0;
         while let Some((at, next)) = self.head.next().filter(|(at, _)| *at < effect) {
             self.since_checkpoint += 1;
@@ -535,7 +537,7 @@ impl<B: Board> Stepper<B> {
     fn run_ahead(&mut self, until: Instant, effect: Option<Instant>, report: &mut Report) {
         let cap = self.head.handled.max(until).max(effect.unwrap_or_default()) + RUN_AHEAD;
         let mut run_on = Instant::NEVER;
-        if self.since_checkpoint > 0 {
+        if self.since_checkpoint > 0 || self.checkpoints.is_empty() {
             self.checkpoint();
         }
         loop {

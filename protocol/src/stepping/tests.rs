@@ -184,6 +184,18 @@ fn what_is_heard_takes_back_what_was_told_from_its_effect_on() {
 }
 
 #[test]
+fn what_is_heard_next_may_matter_before_what_was_heard_last() {
+    let mut stepper = Stepper::new(Counter::new(false, false));
+    stepper.grant(grant(ms(1), vec![])).unwrap();
+    let reset = Heard::Stimulus { at: ms(500), stimulus: Stimulus::Reset };
+    stepper.grant(grant(ms(1), vec![reset])).unwrap();
+    let report = stepper.grant(grant(ms(1), vec![byte(7, ms(100))])).unwrap();
+    let ticks = report.outputs.iter().filter(|told| matches!(told.output, Output::Telemetry { .. }));
+    assert!(report.from < ms(102));
+    assert!(ticks.map(|told| told.at).take(20).eq((4..24).map(|n| ms(30 * n))));
+}
+
+#[test]
 fn noise_that_has_become_certain_leaves_nothing_behind() {
     let mut stepper = Stepper::new(Counter::new(true, false));
     let mut size = |n: u64| {
