@@ -50,9 +50,8 @@ impl Engine {
         let mut agenda = core::mem::take(&mut self.agenda);
         let mut changed = core::mem::take(&mut self.changed);
         agenda.lines.extend(self.disturbed.iter());
-        for id in &changed {
-            let node = &mut self.nodes[*id];
-            node.changed = false;
+        for id in changed.iter() {
+            let node = &mut self.nodes[id];
             agenda.sending.clone_from(&node.sending);
             node.note_sending();
             let sends = node.sends_to.iter().zip(node.sending.iter().zip(&agenda.sending));
@@ -63,9 +62,9 @@ impl Engine {
         }
         self.start_anew(&mut agenda);
         self.lower(&mut agenda);
-        for id in changed.drain(..).chain(agenda.anew.drain(..)).chain(agenda.lowered.drain(..)) {
-            self.reconsider(id);
-        }
+        agenda.anew.drain(..).chain(agenda.lowered.drain(..)).for_each(|id| _ = changed.insert(id));
+        changed.iter().for_each(|id| self.reconsider(id));
+        changed.clear();
         agenda.lines.clear();
         (self.changed, self.agenda) = (changed, agenda);
         #[cfg(test)]

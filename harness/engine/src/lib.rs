@@ -228,7 +228,7 @@ pub struct Engine {
     /// What each line adds to its receiver's `EIT`.
     reaches: Vec<Reach>,
     /// Boards that have changed since [`Engine::bound`] last looked.
-    changed: Vec<NodeId>,
+    changed: Places,
     agenda: Agenda,
     /// Lines that are disturbed.
     disturbed: Places,
@@ -442,9 +442,7 @@ impl Engine {
         if waits != core::mem::replace(&mut node.counted, waits) {
             self.waiting = if waits { self.waiting + 1 } else { self.waiting - 1 };
         }
-        if !core::mem::replace(&mut node.changed, true) {
-            self.changed.push(id);
-        }
+        self.changed.insert(id);
     }
 
     /// What a board is to be looked at for, now that it or its bound has changed.

@@ -81,8 +81,6 @@ pub(super) struct Node {
     pub(super) sending: Vec<Sending>,
     /// Its receivers say something else than then.
     pub(super) ears_changed: bool,
-    /// It has changed since then.
-    pub(super) changed: bool,
     /// It is counted among those that are yet to answer.
     pub(super) counted: bool,
     /// Where it is listed among those that need a grant.
@@ -116,7 +114,6 @@ impl Node {
             owes_eit_to: None,
             sending: vec![Sending::NOTHING; ports],
             ears_changed: false,
-            changed: false,
             counted: false,
             listed: Instant::NEVER,
             watched: false,

@@ -19,6 +19,11 @@ impl Places {
         new
     }
 
+    /// Takes all out.
+    pub(super) fn clear(&mut self) {
+        self.words.fill(0);
+    }
+
     /// Takes one out.
     pub(super) fn remove(&mut self, place: usize) {
         if let Some(word) = self.words.get_mut(place / 64) {
@@ -57,5 +62,7 @@ mod tests {
             [0, 4, 64, 131, 999].map(|from| places.first_from(from)),
             [Some(3), Some(63), Some(130), None, None]
         );
+        places.clear();
+        assert_eq!(places.first_from(0), None);
     }
 }
