@@ -668,10 +668,25 @@ impl Engine {
     /// Settles what a board has told before `until`. Says whether its earliest edges can be later than before:
     /// something went out on a line, or can no longer be cut short.
     fn settle(&mut self, id: NodeId, until: Instant) -> bool {
+        let due = self.nodes[id].due(until);
+        let (sent, last) = if due == 0 { (false, None) } else { self.settle_told(id, due) };
+        let changed = sent | self.nodes[id].commit_to(until, last);
+        self.frontier = self.frontier.max(self.nodes[id].commit);
+        if changed {
+            self.note_change(id);
+        }
+        changed
+    }
+
+    /// Settles the first `due` of what a board has told. Says whether something went out on a line, and when the last
+    /// of it was.
+    fn settle_told(&mut self, id: NodeId, due: usize) -> (bool, Option<Instant>) {
         let mut sent = false;
         let mut last = None;
         let watched = self.nodes[id].watched;
-        while let Some(Timed { at, output }) = self.nodes[id].take_told(until) {
+        // Whatever comes of it, the board tells nothing meanwhile.
+        let mut ahead = core::mem::take(&mut self.nodes[id].ahead);
+        for Timed { at, output } in ahead.drain(..due) {
             last = Some(at);
             if watched {
                 self.look(id, at, &output);
@@ -679,7 +694,7 @@ impl Engine {
             match output {
                 Output::Character { port, edges, end } => {
                     sent = true;
-                    self.nodes[id].busy_until(port, end);
+                    self.nodes[id].speak(port, end);
                     if let Some(line) = self.nodes[id].line_of(port) {
                         let passed = self.lines[line].carry(at, edges, end);
                         self.fired.extend(self.lines[line].take_fired());
@@ -690,7 +705,7 @@ impl Engine {
                 }
                 Output::Cut { port } => {
                     sent = true;
-                    self.nodes[id].busy_until(port, at);
+                    self.nodes[id].speak(port, at);
                     if let Some(line) = self.nodes[id].line_of(port)
                         && let Some(passed) = self.lines[line].withdraw(at)
                     {
@@ -705,12 +720,8 @@ impl Engine {
                 }
             }
         }
-        let changed = sent | self.nodes[id].commit_to(until, last);
-        self.frontier = self.frontier.max(self.nodes[id].commit);
-        if changed {
-            self.note_change(id);
-        }
-        changed
+        self.nodes[id].ahead = ahead;
+        (sent, last)
     }
 
     /// Notes what watches see.

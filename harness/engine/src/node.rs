@@ -51,7 +51,7 @@ pub(super) struct Node {
     /// Everything before this instant is settled.
     pub(super) commit: Instant,
     /// What it has told beyond that, in order.
-    ahead: VecDeque<Timed>,
+    pub(super) ahead: VecDeque<Timed>,
     /// How much of that goes out on ports.
     spoken: usize,
     /// It has told everything before this instant.
@@ -175,8 +175,9 @@ impl Node {
         self.sends_to.get(usize::from(port)).copied().flatten()
     }
 
-    /// A port's line carries a character up to `end`.
-    pub(super) fn busy_until(&mut self, port: u8, end: Instant) {
+    /// What it had told of a port has been done: the port's line carries a character up to `end`.
+    pub(super) fn speak(&mut self, port: u8, end: Instant) {
+        self.spoken -= 1;
         if let Some(busy_until) = self.line_busy_until.get_mut(usize::from(port)) {
             *busy_until = end;
         }
@@ -199,12 +200,11 @@ impl Node {
         told.map_or(Instant::NEVER, |told| told.at).min(self.safe_until())
     }
 
-    /// Takes the first of what it has told, if that lies before `until`.
-    pub(super) fn take_told(&mut self, until: Instant) -> Option<Timed> {
-        self.ahead.front().filter(|told| told.at < until)?;
-        let told = self.ahead.pop_front()?;
-        self.spoken -= usize::from(speaks(&told));
-        Some(told)
+    /// How much it has told before `until` that is not settled.
+    pub(super) fn due(&self, until: Instant) -> usize {
+        let is_due = |told: &Timed| told.at < until;
+        // Nearly always there is nothing, or all of it.
+        if self.ahead.front().is_some_and(is_due) { self.ahead.partition_point(is_due) } else { 0 }
     }
 
     /// What it has told of `from` and later no longer holds. Says whether there was anything.
