@@ -349,7 +349,11 @@ impl Node {
             return;
         }
         self.spoken += report.outputs.iter().filter(|told| speaks(told)).count();
-        self.ahead.extend(report.outputs);
+        if self.ahead.is_empty() {
+            self.ahead = report.outputs.into();
+        } else {
+            self.ahead.extend(report.outputs);
+        }
         self.horizon = report.horizon;
         self.mute_since = report.mute_since;
         self.said_mute = report.mute_since.is_some();
