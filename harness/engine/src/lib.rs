@@ -632,7 +632,8 @@ impl Engine {
 
     /// Whether there is a line to the board that comes only as the board goes.
     fn hears_noise(&self, id: NodeId) -> bool {
-        self.nodes[id].hears.iter().any(|(_, line)| self.lines[*line].is_noisy())
+        let mut disturbed = self.disturbed.iter().map(|line| &self.lines[line]);
+        disturbed.any(|wire| wire.to.node == id && wire.is_noisy())
     }
 
     /// Tells a line's receiver.
