@@ -253,7 +253,8 @@ impl Play {
             }
             let happened = session.step(limit).await?;
             let more = happened.more;
-            player.take(happened);
+            let before = player.take(happened);
+            session.rig_mut().reuse(before);
             progress(player.progress());
             steps += 1;
             if steps % STEPS_PER_LOOK == 0 && has_come(interrupted.as_mut()).await {
@@ -279,7 +280,7 @@ impl Play {
             if let Some(every) = session.keep_up_every() {
                 if limit.until >= kept_up + every {
                     kept_up = limit.until;
-                    session.settle(kept_up, |happened| player.take(happened)).await?;
+                    session.settle(kept_up, |happened| drop(player.take(happened))).await?;
                 }
                 next = next.min(kept_up + every);
             }
@@ -288,7 +289,7 @@ impl Play {
                 waited = session.wait(next) => waited?,
             }
         };
-        session.reach_end(until, |happened| player.take(happened)).await?;
+        session.reach_end(until, |happened| drop(player.take(happened))).await?;
         progress(player.progress());
         let unfired = session.unfired();
         let outcome = player.conversation.outcome(player.frames);
@@ -312,20 +313,18 @@ impl Play {
 }
 
 impl Player {
-    /// Makes of what has happened what is to be made of it.
-    fn take(&mut self, happened: Happened) {
-        for fact in &happened.facts {
-            if let Some(waveforms) = &mut self.waveforms {
-                waveforms.add(fact);
-            }
-            if let Some(path) = &mut self.path {
-                path.add(fact);
-            }
+    /// Makes of what has happened what is to be made of it. Gives back the facts of the time before.
+    fn take(&mut self, happened: Happened) -> Vec<Fact> {
+        if let Some(waveforms) = &mut self.waveforms {
+            happened.facts.iter().for_each(|fact| waveforms.add(fact));
+        }
+        if let Some(path) = &mut self.path {
+            happened.facts.iter().for_each(|fact| path.add(fact));
         }
         happened.pc().for_each(|(at, exchange)| self.listen(at, exchange));
         self.incidents.extend(happened.incidents);
-        self.facts = happened.facts;
         self.now = self.now.max(happened.settled);
+        core::mem::replace(&mut self.facts, happened.facts)
     }
 
     fn listen(&mut self, at: Instant, exchange: &Exchange) {

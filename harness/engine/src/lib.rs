@@ -363,9 +363,15 @@ impl Engine {
 
     /// What has been settled since the last call, each line's and each board's facts in order.
     pub fn take_facts(&mut self) -> Vec<Fact> {
-        // There will be about as many the next time.
-        let room = Vec::with_capacity(self.facts.len());
-        core::mem::replace(&mut self.facts, room)
+        core::mem::take(&mut self.facts)
+    }
+
+    /// Takes back the memory of facts that nobody needs any more.
+    pub fn reuse(&mut self, mut facts: Vec<Fact>) {
+        if self.facts.capacity() == 0 {
+            facts.clear();
+            self.facts = facts;
+        }
     }
 
     /// What a board has cost.

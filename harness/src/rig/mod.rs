@@ -374,6 +374,11 @@ impl Rig {
         self.engine.take_facts()
     }
 
+    /// See [`Engine::reuse`].
+    pub fn reuse(&mut self, facts: Vec<Fact>) {
+        self.engine.reuse(facts);
+    }
+
     /// What has come from outside since the last call, in the order in which it came.
     pub fn take_inputs(&mut self) -> Vec<Input> {
         core::mem::take(&mut self.inputs)
