@@ -500,7 +500,6 @@ impl Session {
         }
         if self.logs {
             happened.incidents.iter().for_each(log::incident);
-            happened.facts.iter().for_each(|fact| log::log(&self.rig, fact));
         }
         if let Some(recorder) = &mut self.recorder {
             recorder.note(&happened.inputs, &happened.facts, self.rig.engine().frontier())?;
@@ -513,12 +512,15 @@ impl Session {
             self.noted = self.noted.max(fact.last().next());
             self.digest.add(fact);
             self.telemetry.add(fact);
-            if let Fact::Event { node, at, event, value } = fact
-                && let Some(gateway) = node.checked_sub(self.rig.pc())
+            let Fact::Event { node, at, event, value } = *fact else { continue };
+            if self.logs {
+                log::event(&self.rig, node, at, event, value);
+            }
+            if let Some(gateway) = node.checked_sub(self.rig.pc())
                 && let Some(replies) = self.replies.get_mut(gateway)
-                && let Some(event) = PcEvent::from_numbers(*event, *value)
+                && let Some(event) = PcEvent::from_numbers(event, value)
             {
-                happened.outside.push((*at, gateway, hear(replies, *at, event)));
+                happened.outside.push((at, gateway, hear(replies, at, event)));
             }
         }
         for hit in self.rig.take_hits() {

@@ -28,7 +28,7 @@ use tracing_subscriber::util::SubscriberInitExt;
 
 use super::stderr;
 use crate::rig::{Incident, Rig};
-use torno_engine::Fact;
+use torno_engine::NodeId;
 
 /// The target of what is said about one board. A target is fixed in the program, and boards are not: which board it is
 /// stands in the field `board`, and [`Wanted`] takes that for a target too.
@@ -99,13 +99,12 @@ pub fn incident(incident: &Incident) {
     tracing::warn!(target: BOARD, ns = at.as_nanos(), board, pid, "{incident}");
 }
 
-/// Logs a fact: events of boards, and on the finest level each byte of a gateway.
-pub fn log(rig: &Rig, fact: &Fact) {
-    let Fact::Event { node, at, event, value } = fact else { return };
-    let board = &rig.nodes()[*node];
-    let Some(text) = board.description.events.get(usize::from(*event)) else { return };
-    set_time(*at);
-    tell(rig.layout().boards[*node].is_gateway(), *at, &board.name, text, *value);
+/// Logs an event of a board and, on the finest level, of a gateway.
+pub fn event(rig: &Rig, node: NodeId, at: Instant, event: u8, value: i64) {
+    let board = &rig.nodes()[node];
+    let Some(text) = board.description.events.get(usize::from(event)) else { return };
+    set_time(at);
+    tell(rig.layout().boards[node].is_gateway(), at, &board.name, text, value);
 }
 
 fn tell(is_gateway: bool, at: Instant, board: &str, event: &str, value: i64) {
