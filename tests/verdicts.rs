@@ -178,6 +178,21 @@ fn a_report_is_always_of_this_run() {
 }
 
 #[test]
+fn the_files_of_a_run_are_always_of_this_run() {
+    let folder = tree(&[("page.html", ""), ("part.svg", ""), ("lines.vcd", "")]);
+    let files = ["page.html", "part.svg", "lines.vcd"];
+    for wrong in [&["no-such-rig"][..], &["lathe", "no-such.frames"], &["--set", "spindle.x=1"], &["servo"]] {
+        files.iter().for_each(|file| fs::write(folder.path().join(file), "of an old run").unwrap());
+        let mut command = torno(&["run", "--report", files[0], "--part", files[1], "--vcd", files[2]]);
+        let output = command.args(wrong).current_dir(folder.path()).output().unwrap();
+        assert_eq!(output.status.code(), Some(2), "{}", String::from_utf8_lossy(&output.stderr));
+        for file in files {
+            assert_eq!(fs::read_to_string(folder.path().join(file)).unwrap(), "", "{wrong:?}: {file}");
+        }
+    }
+}
+
+#[test]
 fn an_interrupt_gives_the_results_so_far() {
     let folder = tree(&[("a.toml", PASSES), ("b.toml", &never_ends())]);
     let child = torno(&["test", ".", "--junit", "out.xml", "--jobs", "1"])

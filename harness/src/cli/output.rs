@@ -64,6 +64,14 @@ pub(super) struct OutputFile<'a> {
 }
 
 impl<'a> OutputFile<'a> {
+    /// Empties a file that exists, before anything else: whatever becomes of this run, what stands there is not of it.
+    pub(super) fn empty(path: &Path) {
+        // A pipe would be at its end. One that cannot be written is told of when the result is to go there.
+        if path.is_file() {
+            drop(File::options().write(true).truncate(true).open(path));
+        }
+    }
+
     /// Empties the file or makes a new one.
     pub(super) fn create(path: &'a PathBuf) -> anyhow::Result<Self> {
         let file: Box<dyn Write> = if is_output(path) {

@@ -81,6 +81,7 @@ pub(super) struct Arguments {
 
 impl Arguments {
     pub(super) async fn run(self, started: Instant) -> anyhow::Result<ExitCode> {
+        [&self.vcd, &self.part, &self.report].into_iter().flatten().for_each(|path| OutputFile::empty(path));
         let (rig, program) = rig_and_program(self.rig.clone(), self.program.clone());
         let file = load_rig(&rig, &self.set)?;
         let span = rig_span(&file);
