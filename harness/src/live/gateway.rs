@@ -1,6 +1,6 @@
 //! A gateway of a rig that is up: a serial port on one side, the UART of the rig on the other.
 
-use torno_bus::STOPPED;
+use torno_bus::{BAUD, STOPPED};
 use torno_engine::{Fact, Input, InputKind, NodeId};
 use torno_protocol::board::Stimulus;
 use torno_protocol::layout::GATEWAY;
@@ -12,8 +12,7 @@ use crate::port::{LineSettings, PcPort, PortEvent};
 use crate::rig::file;
 use crate::session::{Exchange, Happened, Session, SessionError};
 
-/// So many of the client's bytes wait in the driver at the most. Its settings are read with each helping, so a new
-/// speed holds at most this many characters late.
+/// So many of the client's bytes wait in the driver at the most.
 const DRIVER_QUEUE: usize = 16;
 /// The driver takes a new helping when no more than this is left.
 const DRIVER_LOW: usize = 4;
@@ -28,7 +27,12 @@ pub(super) struct Gateway {
     /// For people.
     name: String,
     pub(super) port: PcPort,
+    /// The rig's speed.
+    rig: u32,
+    /// What the bytes that go to the UART were written with.
     settings: LineSettings,
+    /// The speed that the UART has.
+    baud: u32,
     /// Bytes that the client has written and that are not yet on the line.
     queued: usize,
     /// Whether the client that has the port open has written.
@@ -44,7 +48,8 @@ impl Gateway {
         let settings = LineSettings { baud: gateway.baud, ixon: false };
         let name = if gateway.name == GATEWAY { "PC".to_owned() } else { gateway.name.clone() };
         let supply = Vec::new();
-        Self { place, node, name, port, settings, queued: 0, began: false, held: false, supply }
+        let baud = gateway.baud;
+        Self { place, node, name, port, rig: baud, settings, baud, queued: 0, began: false, held: false, supply }
     }
 
     /// Where the client's bytes wait for the line: the span within which the UART can want more.
@@ -52,7 +57,7 @@ impl Gateway {
         if self.queued == 0 {
             return None;
         }
-        let low = BITS_PER_CHARACTER * DRIVER_LOW as u64 * 1_000_000_000 / u64::from(self.settings.baud.max(1));
+        let low = BITS_PER_CHARACTER * DRIVER_LOW as u64 * 1_000_000_000 / u64::from(self.baud.max(1));
         Some(Span::from_nanos(low).max(SLICE_MIN))
     }
 
@@ -62,14 +67,25 @@ impl Gateway {
     }
 
     /// How many of the client's bytes the driver takes; the others stay in the kernel.
-    pub(super) const fn room(&self) -> usize {
+    const fn room(&self) -> usize {
         if self.queued > DRIVER_LOW { 0 } else { DRIVER_QUEUE - self.queued }
+    }
+
+    /// Bytes that were written at another speed wait until the others are sent.
+    fn speed(&self) -> Option<u32> {
+        self.is_sending().then_some(self.settings.baud)
     }
 
     /// Waits for something from the client. Cancel-safe.
     pub(super) async fn event(&mut self) -> std::io::Result<PortEvent> {
-        let room = self.room();
-        self.port.event(room).await
+        let (room, speed) = (self.room(), self.speed());
+        self.port.event(room, speed).await
+    }
+
+    /// The same, if it is there already.
+    pub(super) fn try_event(&mut self) -> std::io::Result<Option<PortEvent>> {
+        let (room, speed) = (self.room(), self.speed());
+        self.port.try_event(room, speed)
     }
 
     /// Forgets what waited for the UART when its supply went or came.
@@ -124,9 +140,12 @@ impl Gateway {
     pub(super) fn take(&mut self, event: PortEvent, at: Instant, session: &mut Session) -> Result<(), SessionError> {
         log::set_time(at);
         self.began &= !matches!(event, PortEvent::Opened | PortEvent::Closed);
-        self.configure(at, session)?;
         match event {
-            PortEvent::Data(bytes) => {
+            PortEvent::Data { baud, .. } => self.set(baud, at, session)?,
+            _ => self.configure(at, session)?,
+        }
+        match event {
+            PortEvent::Data { bytes, .. } => {
                 self.queued += bytes.len();
                 session.stimulate(self.node, at, Stimulus::Write(bytes));
             }
@@ -136,7 +155,7 @@ impl Gateway {
             }
             PortEvent::Opened => tracing::info!("the {} port has been opened", self.name),
             PortEvent::Began => self.begin(at, session)?,
-            PortEvent::FlowControl => {}
+            PortEvent::Set => {}
             PortEvent::Closed => tracing::info!("the {} port has been closed", self.name),
         }
         Ok(())
@@ -153,26 +172,37 @@ impl Gateway {
             }
             self.queued = 0;
             session.stimulate(self.node, at, Stimulus::Discard);
-            let LineSettings { baud, .. } = self.settings;
             self.settings.ixon = false;
-            session.stimulate(self.node, at, Stimulus::Configure { baud, ixon: false });
+            session.stimulate(self.node, at, Stimulus::Configure { baud: self.baud, ixon: false });
         }
         self.configure(at, session)
     }
 
-    /// Sets the UART to what the client has set. What the one before has left is still sent as that one wanted.
+    /// Sets the UART to what the client has set: its speed when all that was written at another is under way.
     fn configure(&mut self, at: Instant, session: &mut Session) -> Result<(), SessionError> {
-        if self.port.leftover() > 0 || (!self.began && self.queued > 0) {
+        let baud = self.speed().unwrap_or_else(|| self.port.next_baud());
+        self.set(baud, at, session)
+    }
+
+    /// Sets the UART to this speed of the client's. What the one before has left is still held as that one wanted.
+    fn set(&mut self, baud: u32, at: Instant, session: &mut Session) -> Result<(), SessionError> {
+        let present = self.port.settings()?.ixon;
+        let keeps = self.port.leftover() > 0 || (!self.began && self.queued > 0);
+        let settings = LineSettings { baud, ixon: if keeps { self.settings.ixon } else { present } };
+        if settings == self.settings {
             return Ok(());
         }
-        let settings = self.port.settings()?;
-        if settings != self.settings {
-            self.settings = settings;
-            let LineSettings { baud, ixon } = settings;
-            let (name, flow) = (&self.name, if ixon { "on" } else { "off" });
-            tracing::info!("the program at the {name} port sets {baud} baud, XON/XOFF {flow}");
-            session.stimulate(self.node, at, Stimulus::Configure { baud, ixon });
+        let before = core::mem::replace(&mut self.settings, settings).baud;
+        let (name, rig, flow) = (&self.name, self.rig, if settings.ixon { "on" } else { "off" });
+        tracing::info!("the program at the {name} port sets {baud} baud, XON/XOFF {flow}");
+        // 0 hangs up; the cable has no line for that.
+        let uart = if baud == 0 { self.baud } else { baud.clamp(*BAUD.start(), *BAUD.end()) };
+        if baud != before && uart != rig {
+            let takes = if uart == baud { String::new() } else { format!(", which its UART takes for {uart}") };
+            tracing::warn!("the program at the {name} port sets {baud} baud{takes}, but the rig's line has {rig} baud");
         }
+        self.baud = uart;
+        session.stimulate(self.node, at, Stimulus::Configure { baud: uart, ixon: settings.ixon });
         Ok(())
     }
 }

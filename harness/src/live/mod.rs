@@ -232,7 +232,7 @@ impl Live {
         let wall = self.brake.now().unwrap_or(now);
         let mut took = false;
         for gateway in &mut self.gateways {
-            while let Some(event) = gateway.port.try_event(gateway.room())? {
+            while let Some(event) = gateway.try_event()? {
                 let at = if gateway.is_sending() { now } else { wall };
                 gateway.take(event, at, &mut self.session)?;
                 took = true;

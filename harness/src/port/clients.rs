@@ -1,9 +1,12 @@
 //! Counts the clients that have the port open.
 //!
-//! inotify merges a notice into the one before it if both are equal and the older is unread: two opens in a row count
-//! as one, and the first close then looks like the last. The folder is therefore watched along with the slave. Each
-//! open gives two different notices, one per watch, so no two equal ones follow each other. The price: a wake-up
-//! whenever a terminal on this machine is opened or closed.
+//! Only the port's own device is watched. inotify merges a notice into the one before it if both are equal and the
+//! older is unread: two opens in a row count as one, and the first close then looks like the last. If the queue is
+//! full, notices are lost. So the count is a guess, and after each close the kernel is asked whether anybody is there:
+//! without the port's own slave descriptor, a pty that nobody has open tells its master side that it is hung up.
+//!
+//! That descriptor is closed and opened again for this, which gives two notices. A client that opens in these few
+//! microseconds goes unnoticed. So a kernel that says "nobody" is asked once more, a little later.
 
 use std::collections::VecDeque;
 use std::io;
@@ -13,9 +16,11 @@ use std::path::Path;
 use rustix::fd::OwnedFd;
 use rustix::fs::inotify::{self, CreateFlags, ReadFlags, Reader, WatchFlags};
 use rustix::io::Errno;
-use tokio::io::unix::AsyncFd;
 
-use crate::ready::readable;
+use super::pty::Pty;
+
+/// So often the kernel is asked in a row, if clients come and go as fast: the next look goes on.
+const ASKED: usize = 4;
 
 /// What became of the port's clients as a whole.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,68 +33,143 @@ pub(super) enum Change {
 
 #[derive(Debug)]
 pub(super) struct Clients {
-    notices: AsyncFd<OwnedFd>,
-    slave: i32,
+    notices: OwnedFd,
+    /// As the notices say: the kernel says whether it is 0.
     count: u32,
     changes: VecDeque<Change>,
-    /// Set once the kernel has dropped notices: the count is wrong from then on.
-    lost_count: bool,
+    /// Whether somebody has closed the port, or notices were lost, since the kernel was asked.
+    doubtful: bool,
+    /// Whether the kernel is to be asked once more.
+    unsure: bool,
+    /// Whether it is asked once more.
+    again: bool,
+}
+
+/// Notices of the port's own descriptor, which are not to be counted.
+#[derive(Default)]
+struct Own {
+    opened: bool,
+    closed: bool,
 }
 
 impl Clients {
     /// Watches `slave`, which nobody but the caller has open, and nobody else is told of yet.
     pub(super) fn watch(slave: &Path) -> io::Result<Clients> {
         let notices = inotify::init(CreateFlags::NONBLOCK | CreateFlags::CLOEXEC)?;
-        let both = WatchFlags::OPEN | WatchFlags::CLOSE;
-        let folder = slave.parent().ok_or(Errno::NOENT)?;
-        inotify::add_watch(&notices, folder, both | WatchFlags::ONLYDIR)?;
-        let slave = inotify::add_watch(&notices, slave, both)?;
-        Ok(Clients { notices: readable(notices)?, slave, count: 0, changes: VecDeque::new(), lost_count: false })
+        inotify::add_watch(&notices, slave, WatchFlags::OPEN | WatchFlags::CLOSE)?;
+        Ok(Clients { notices, count: 0, changes: VecDeque::new(), doubtful: false, unsure: false, again: false })
     }
 
-    #[cfg(test)]
-    pub(super) fn assume_one(&mut self) {
-        self.count = 1;
+    /// Can be read when [`look`](Clients::look) may find something new.
+    pub(super) fn notices(&self) -> &OwnedFd {
+        &self.notices
     }
 
     /// Takes in what has happened up to now. True if the last client closed meanwhile, even if the next is there.
-    pub(super) fn look(&mut self) -> io::Result<bool> {
-        let mut buffer = [MaybeUninit::uninit(); 4096];
-        let mut reader = Reader::new(self.notices.get_ref(), &mut buffer);
-        let mut all_left = false;
-        while !self.lost_count {
-            let notice = match reader.next() {
-                Ok(notice) => notice,
-                Err(Errno::AGAIN) => return Ok(all_left),
-                Err(Errno::INTR) => continue,
-                Err(errno) => return Err(errno.into()),
-            };
-            self.lost_count |= notice.events().contains(ReadFlags::QUEUE_OVERFLOW);
-            if notice.wd() != self.slave {
-                continue;
+    pub(super) fn look(&mut self, pty: &mut Pty) -> io::Result<bool> {
+        let known = self.changes.len();
+        let again = core::mem::take(&mut self.again);
+        for _ in 0..ASKED {
+            self.read_notices(&mut Own::default())?;
+            // Who has the port for itself lets nobody else in, so the guess is good; and this port could not open it
+            // again either.
+            let exclusive = pty.is_exclusive()?;
+            if !core::mem::take(&mut self.doubtful) || (exclusive && self.count == 0) {
+                break;
             }
-            if notice.events().contains(ReadFlags::OPEN) {
-                self.count += 1;
-                if self.count == 1 {
-                    self.changes.push_back(Change::FirstOpened);
+            self.unsure = !again;
+            if exclusive {
+                pty.clear_exclusive()?;
+            }
+            self.ask(pty, known)?;
+            if exclusive && self.count > 0 {
+                pty.make_exclusive()?;
+            }
+        }
+        Ok(self.changes.range(known..).any(|change| *change == Change::LastClosed))
+    }
+
+    /// Asks the kernel whether anybody has the port open. `known` of the changes are certain.
+    fn ask(&mut self, pty: &mut Pty, known: usize) -> io::Result<()> {
+        pty.let_go();
+        let mut own = Own { closed: true, opened: false };
+        self.read_notices(&mut own)?;
+        // After that: what the notice of another close was merged into is part of the answer.
+        let nobody = pty.is_hung_up()?;
+        // A process that is being started has a copy until it runs its program; then the notice comes.
+        let unclear = own.closed && !nobody;
+        let opened = pty.take_up()?;
+        if unclear {
+            // The guess holds until then.
+        } else if nobody && self.count > 0 {
+            self.count = 0;
+            self.changes.push_back(Change::LastClosed);
+        } else if !nobody && self.count == 0 {
+            self.count = 1;
+            if self.changes.len() > known && self.changes.back() == Some(&Change::LastClosed) {
+                self.changes.pop_back();
+            } else {
+                self.changes.push_back(Change::FirstOpened);
+            }
+        }
+        self.read_notices(&mut Own { closed: false, opened })
+    }
+
+    fn read_notices(&mut self, own: &mut Own) -> io::Result<()> {
+        let mut buffer = [MaybeUninit::uninit(); 4096];
+        let mut reader = Reader::new(&self.notices, &mut buffer);
+        let mut notices = Vec::new();
+        loop {
+            match reader.next() {
+                Ok(notice) => notices.push(notice.events()),
+                Err(Errno::AGAIN) => break,
+                Err(Errno::INTR) => {}
+                Err(errno) => return Err(errno.into()),
+            }
+        }
+        for events in notices {
+            if events.contains(ReadFlags::QUEUE_OVERFLOW) {
+                self.doubtful = true;
+            } else if events.contains(ReadFlags::OPEN) {
+                if !core::mem::take(&mut own.opened) {
+                    self.open();
                 }
-            } else if notice.events().intersects(ReadFlags::CLOSE_WRITE | ReadFlags::CLOSE_NOWRITE) && self.count > 0 {
-                self.count -= 1;
-                if self.count == 0 {
-                    self.changes.push_back(Change::LastClosed);
-                    all_left = true;
+            } else if events.contains(ReadFlags::CLOSE_WRITE) && core::mem::take(&mut own.closed) {
+            } else if events.intersects(ReadFlags::CLOSE_WRITE | ReadFlags::CLOSE_NOWRITE) {
+                self.doubtful = true;
+                if self.count > 0 {
+                    self.count -= 1;
+                    if self.count == 0 {
+                        self.changes.push_back(Change::LastClosed);
+                    }
                 }
             }
         }
-        Err(io::Error::other(
-            "lost count of the port's clients: the port was not attended to while terminals came and went",
-        ))
+        Ok(())
     }
 
-    /// Waits until [`look`](Clients::look) may find something new.
-    pub(super) async fn ready(&self) -> io::Result<()> {
-        self.notices.readable().await?.clear_ready();
-        Ok(())
+    fn open(&mut self) {
+        self.count += 1;
+        if self.count == 1 {
+            self.changes.push_back(Change::FirstOpened);
+        }
+    }
+
+    /// Somebody has written: there is a client.
+    pub(super) fn hear(&mut self) {
+        if self.count == 0 {
+            self.open();
+        }
+    }
+
+    /// Whether the kernel is to be [asked once more](Clients::ask_again) whether anybody is there.
+    pub(super) fn is_unsure(&self) -> bool {
+        self.unsure && self.count == 0
+    }
+
+    /// Asks it, with the next look.
+    pub(super) fn ask_again(&mut self) {
+        (self.doubtful, self.again) = (true, true);
     }
 
     /// Whether nobody has the port open.

@@ -23,9 +23,11 @@
 //! (`TIOCMGET` and `TIOCMSET` fail with ENOTTY: no DTR, RTS, CTS, DSR, DCD) and break (silently lost). Software that
 //! needs them needs another attachment: a null-modem module in the kernel, CUSE, or a pair of real adapters.
 
+mod attendant;
 mod clients;
 mod error;
 mod link;
+mod order;
 mod pc;
 mod pty;
 #[cfg(test)]

@@ -5,19 +5,19 @@ use std::io;
 use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fd::{AsFd, OwnedFd};
 use rustix::fs::{self, Gid, Mode, OFlags, Uid};
 use rustix::io::{Errno, ioctl_fionbio, ioctl_fionread, retry_on_intr};
-use rustix::ioctl::{Opcode, Setter, ioctl};
+use rustix::ioctl::{Getter, Opcode, Setter, ioctl};
 use rustix::process::geteuid;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{
-    self, Action, ControlModes, InputModes, OptionalActions, QueueSelector, Termios, ioctl_tiocnxcl,
+    self, Action, ControlModes, InputModes, OptionalActions, QueueSelector, Termios, ioctl_tiocexcl, ioctl_tiocnxcl,
 };
-use tokio::io::unix::AsyncFd;
 
 use super::PortError;
-use crate::ready::readable;
+use super::order::{Mark, Order};
 
 /// Bytes of one read: what the kernel's line discipline holds, and the status byte.
 const READ_MAX: usize = 4096 + 1;
@@ -26,8 +26,6 @@ const READ_MAX: usize = 4096 + 1;
 const STATUS_DATA: u8 = 0;
 /// Status bit: the client has flushed its output (`TIOCPKT_FLUSHWRITE`).
 const STATUS_FLUSHED_OUTPUT: u8 = 1 << 1;
-/// Status bits: the client has turned XON/XOFF off or on (`TIOCPKT_NOSTOP`, `TIOCPKT_DOSTOP`).
-const STATUS_FLOW_CONTROL: u8 = 1 << 4 | 1 << 5;
 
 /// What the client has set its end of the line to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,28 +36,32 @@ pub struct LineSettings {
     pub ixon: bool,
 }
 
-/// What the master side had to say.
+/// Something that the client has done.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) enum Look {
-    /// Nothing.
-    Nothing,
-    /// There are bytes, but none was wanted.
-    Unwanted,
-    /// The client's bytes.
-    Data(Vec<u8>),
-    /// The client has flushed its output. What it had written and was still here is gone.
+pub(super) enum Said {
+    /// It has written these bytes, at this speed.
+    Data(Vec<u8>, u32),
+    /// It has flushed its output. What it had written before and was still here is gone.
     Flushed,
-    /// The client has turned XON/XOFF on or off.
-    FlowControl,
+    /// It has set the line to another speed, or turned XON/XOFF on or off.
+    Set,
 }
 
 #[derive(Debug)]
 pub(super) struct Pty {
-    master: AsyncFd<OwnedFd>,
-    /// Kept open so that the master never sees a hang-up, and to act on the client's side of the tty.
-    slave: OwnedFd,
+    master: [OwnedFd; 2],
+    /// Kept open so that the master never sees a hang-up, and to act on the client's side of the tty. None if somebody
+    /// took the port for itself just when it was let go.
+    slave: Option<[OwnedFd; 2]>,
     path: PathBuf,
     buffer: Box<[u8]>,
+    order: Order,
+    /// What has happened since the last look.
+    marks: Vec<Mark>,
+    /// Whether that look has read anything.
+    has_read: bool,
+    /// What the line was set to at the last look.
+    line: LineSettings,
     /// Bytes that were in the master's line discipline at the last look, before which no flush went unnoticed.
     backlog: usize,
 }
@@ -74,8 +76,7 @@ impl Pty {
         grantpt(&master).and_then(|()| unlockpt(&master)).map_err(step("unlock the new pty"))?;
         let name = ptsname(&master, Vec::new()).map_err(step("learn the name of the new pty"))?;
         let path = PathBuf::from(OsStr::from_bytes(name.as_bytes()));
-        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC | OFlags::NONBLOCK;
-        let slave = fs::open(&path, flags, Mode::empty()).map_err(step("open the new pty's slave side"))?;
+        let slave = open_slave(&path).map_err(step("open the new pty's slave side"))?;
         make_private(&slave).map_err(step("make the new pty the user's alone"))?;
         let set = set_line(&slave, baud).map_err(step("set the new pty's speed"))?;
         if baud == 0 || set.output_speed() != baud {
@@ -84,85 +85,184 @@ impl Pty {
         packet_mode(&master)
             .and_then(|()| ioctl_fionbio(&master, true))
             .map_err(step("put the new pty into packet mode"))?;
-        let master = readable(master).map_err(PortError::watch)?;
-        Ok(Pty { master, slave, path, buffer: vec![0; READ_MAX].into(), backlog: 0 })
+        let order = Order::new().map_err(|errno| PortError::watch(errno.into()))?;
+        let master = twice(master).map_err(PortError::watch)?;
+        let watched = || order.watch(&master[0], Mark::Arrived).and_then(|()| order.watch(&master[1], Mark::Told));
+        watched().map_err(|errno| PortError::watch(errno.into()))?;
+        let line = LineSettings { baud, ixon: false };
+        let (buffer, marks) = (vec![0; READ_MAX].into(), Vec::new());
+        let mut pty = Pty { master, slave: None, path, buffer, order, marks, has_read: false, line, backlog: 0 };
+        pty.attach(slave).map_err(PortError::watch)?;
+        Ok(pty)
     }
 
     pub(super) fn path(&self) -> &Path {
         &self.path
     }
 
+    pub(super) fn order(&self) -> &Order {
+        &self.order
+    }
+
     #[cfg(test)]
     pub(super) fn master(&self) -> rustix::fd::BorrowedFd<'_> {
-        self.master.get_ref().as_fd()
+        self.master[0].as_fd()
+    }
+
+    /// What the line was set to at the last [look](Pty::look).
+    pub(super) fn line(&self) -> LineSettings {
+        self.line
     }
 
     /// The client's present settings: on the master side, Linux tells those of the slave side.
-    pub(super) fn settings(&self) -> io::Result<LineSettings> {
-        let termios = termios::tcgetattr(self.master.get_ref())?;
+    fn settings(&self) -> io::Result<LineSettings> {
+        let termios = termios::tcgetattr(&self.master[0])?;
         Ok(LineSettings { baud: termios.output_speed(), ixon: termios.input_modes.contains(InputModes::IXON) })
     }
 
-    /// Takes what is there, at most `max` bytes of data.
-    pub(super) fn look(&mut self, max: usize) -> io::Result<Look> {
-        loop {
-            // Before the read: a flush that the read does not tell of comes after these bytes.
-            let held = usize::try_from(ioctl_fionread(self.master.get_ref())?).unwrap_or(0);
-            let Some((status, data)) = self.read(max)? else {
-                self.backlog = 0;
-                return Ok(Look::Nothing);
-            };
-            if status == STATUS_DATA {
-                self.backlog = held.saturating_sub(data.len());
-                return Ok(if max == 0 { Look::Unwanted } else { Look::Data(data) });
-            }
-            if status & STATUS_FLUSHED_OUTPUT != 0 {
-                self.discard_backlog()?;
-                return Ok(Look::Flushed);
-            }
-            if status & STATUS_FLOW_CONTROL != 0 {
-                return Ok(Look::FlowControl);
-            }
-            // What is left tells of flushed input and of stopped and restarted output: nothing to us.
+    /// Notes in which order things have happened, for the next [look](Pty::look). Says whether there is anything.
+    pub(super) fn note_order(&mut self) -> io::Result<bool> {
+        let mut marks = self.order.take()?;
+        let anything = marks.iter().any(|mark| *mark != Mark::Wrote);
+        // After a look that has read something, this one tells nothing. If the client has written, its bytes set another.
+        if core::mem::take(&mut self.has_read) {
+            marks.retain(|mark| *mark != Mark::Wrote);
         }
+        self.marks.extend(marks);
+        Ok(anything)
+    }
+
+    /// Takes in what the client has done, with at most `room` bytes of data; but if it has set another speed, with all
+    /// that it had written before, up to `most`.
+    pub(super) fn look(&mut self, room: usize, most: usize) -> io::Result<Vec<Said>> {
+        let said = self.listen(room, most)?;
+        self.marks.clear();
+        Ok(said)
+    }
+
+    fn listen(&mut self, room: usize, most: usize) -> io::Result<Vec<Said>> {
+        let has_arrived = self.marks.contains(&Mark::Arrived);
+        let (mut said, mut data) = (Vec::new(), Vec::new());
+        let mut older = self.backlog;
+        while let Some((status, bytes)) = self.read(room - data.len())? {
+            if status == STATUS_DATA {
+                if bytes.is_empty() {
+                    break;
+                }
+                data.extend(bytes);
+            } else if status & STATUS_FLUSHED_OUTPUT != 0 {
+                self.discard_flushed(older.saturating_sub(data.len()))?;
+                data.clear();
+                older = 0;
+                said.push(Said::Flushed);
+            }
+            // What is left tells of flushed input, of stopped and restarted output, and of XON/XOFF turned on or off,
+            // which the settings tell: nothing to us.
+        }
+        let line = self.settings()?;
+        if line == self.line {
+            if !data.is_empty() {
+                said.push(Said::Data(data, line.baud));
+            }
+            return Ok(said);
+        }
+        let was = core::mem::replace(&mut self.line, line).baud;
+        if line.baud != was {
+            let (wrote, set) = self.places(Mark::Set)?;
+            let wrote_first = wrote.zip(set).is_some_and(|(wrote, set)| wrote < set);
+            // The kernel was full, and nothing has come since.
+            let all_waited = older > 0 && !has_arrived;
+            if wrote_first || all_waited {
+                older = most;
+            }
+        }
+        while line.baud != was && data.len() < older.min(most) {
+            match self.read(older.min(most) - data.len())? {
+                Some((STATUS_DATA, bytes)) if !bytes.is_empty() => data.extend(bytes),
+                Some((STATUS_DATA, _)) | None => break,
+                // The next look cannot be told of a flush that this one has taken.
+                Some((status, _)) if status & STATUS_FLUSHED_OUTPUT != 0 => {
+                    self.discard_flushed(0)?;
+                    data.clear();
+                    said.push(Said::Flushed);
+                }
+                Some(_) => {}
+            }
+        }
+        let newer = data.split_off(older.min(data.len()));
+        said.push(Said::Set);
+        said.extend([(data, was), (newer, line.baud)].map(|(data, baud)| Said::Data(data, baud)));
+        said.retain(|said| !matches!(said, Said::Data(data, _) if data.is_empty()));
+        Ok(said)
+    }
+
+    /// The places of the first write and of something else among what has happened since the last look.
+    fn places(&mut self, other: Mark) -> io::Result<(Option<usize>, Option<usize>)> {
+        // It may have happened since the order was noted.
+        let more = self.order.take()?;
+        self.marks.extend(more);
+        let place = |mark| self.marks.iter().position(|other| *other == mark);
+        // A status wakes those that wait for bytes, too, after those that wait for it.
+        let arrived = place(Mark::Arrived).filter(|at| place(Mark::Told).is_none_or(|told| *at < told));
+        let wrote = [place(Mark::Wrote), arrived].into_iter().flatten().min();
+        Ok((wrote, place(other)))
     }
 
     /// Drops what the client has flushed: the kernel empties its queue, but not what had reached the master's line
-    /// discipline (up to 4095 bytes). Bytes first seen along with the flush may be newer than it, and stay.
-    fn discard_backlog(&mut self) -> io::Result<()> {
-        while self.backlog > 0 {
-            let Some((_, data)) = self.read(self.backlog)? else { break };
-            self.backlog -= data.len();
+    /// discipline (up to 4095 bytes). If the client has written since it flushed, that is `older` bytes; otherwise all
+    /// that is there. What it has written in between two looks both before and after the flush cannot be told apart.
+    fn discard_flushed(&mut self, older: usize) -> io::Result<()> {
+        // First, so that a write that comes after it is noted or not counted.
+        let there = self.readable()?;
+        let (wrote, flushed) = self.places(Mark::Told)?;
+        // Not noted are a write between the last read and the note, and a flush whose status has been read already.
+        let wrote_after = wrote.zip(flushed).is_some_and(|(wrote, flushed)| wrote > flushed);
+        let mut left = if wrote_after { older.min(there) } else { there };
+        while left > 0 {
+            match self.read(left)? {
+                Some((STATUS_DATA, data)) if data.is_empty() => break,
+                Some((_, data)) => left -= data.len(),
+                None => break,
+            }
         }
-        self.backlog = 0;
         Ok(())
+    }
+
+    /// So many bytes are in the master's line discipline.
+    fn readable(&self) -> io::Result<usize> {
+        Ok(usize::try_from(ioctl_fionread(&self.master[0])?).unwrap_or(0))
     }
 
     /// One read: its status byte, and at most `max` bytes. A read of no data still tells a status, or that there are
     /// bytes.
     fn read(&mut self, max: usize) -> io::Result<Option<(u8, Vec<u8>)>> {
         let room = max.saturating_add(1).min(READ_MAX);
-        match retry_on_intr(|| rustix::io::read(self.master.get_ref(), &mut self.buffer[..room])) {
+        // Before the read: a flush that the read does not tell of comes after these bytes.
+        let held = self.readable()?;
+        match retry_on_intr(|| rustix::io::read(&self.master[0], &mut self.buffer[..room])) {
             Ok(length) => {
                 let read = self.buffer[..length].split_first();
-                Ok(read.map(|(&status, data)| (status, data.to_vec())))
+                let read = read.map(|(&status, data)| (status, data.to_vec()));
+                if let Some((STATUS_DATA, data)) = &read {
+                    self.has_read |= !data.is_empty();
+                    self.backlog = held.saturating_sub(data.len());
+                }
+                Ok(read)
             }
-            Err(Errno::AGAIN) => Ok(None),
+            // With EIO, nobody has the port open.
+            Err(Errno::AGAIN | Errno::IO) => {
+                self.backlog = 0;
+                Ok(None)
+            }
             Err(errno) => Err(errno.into()),
         }
-    }
-
-    /// Waits until [`look`](Pty::look) may find something new.
-    pub(super) async fn ready(&self) -> io::Result<()> {
-        self.master.readable().await?.clear_ready();
-        Ok(())
     }
 
     /// Writes towards the client without waiting. Returns how many bytes went.
     pub(super) fn write(&self, bytes: &[u8]) -> usize {
         let mut written = 0;
         while written < bytes.len() {
-            match retry_on_intr(|| rustix::io::write(self.master.get_ref(), &bytes[written..])) {
+            match retry_on_intr(|| rustix::io::write(&self.master[0], &bytes[written..])) {
                 Ok(0) | Err(_) => break,
                 Ok(length) => written += length,
             }
@@ -172,17 +272,72 @@ impl Pty {
 
     /// Undoes what the last client may have left: replies that it did not read, and stopped output.
     pub(super) fn forget_replies_and_restart(&self) -> io::Result<()> {
-        termios::tcflush(&self.slave, QueueSelector::IFlush)?;
+        let Some([slave, _]) = &self.slave else { return Ok(()) };
+        termios::tcflush(slave, QueueSelector::IFlush)?;
         // Off and on: on its own, TCOON does not undo a stop by XOFF.
-        termios::tcflow(&self.slave, Action::OOff)?;
-        termios::tcflow(&self.slave, Action::OOn)?;
+        termios::tcflow(slave, Action::OOff)?;
+        termios::tcflow(slave, Action::OOn)?;
         Ok(())
+    }
+
+    /// Whether the client has asked that nobody else may open the port.
+    pub(super) fn is_exclusive(&self) -> io::Result<bool> {
+        Ok(self.slave.as_ref().map_or(Ok(false), |[slave, _]| exclusive_mode(slave))?)
     }
 
     /// Lets anyone who may, open the port, whatever the last client had asked for.
     pub(super) fn clear_exclusive(&self) -> io::Result<()> {
-        Ok(ioctl_tiocnxcl(&self.slave)?)
+        Ok(self.slave.as_ref().map_or(Ok(()), |[slave, _]| ioctl_tiocnxcl(slave))?)
     }
+
+    /// Asks what a client had asked for.
+    pub(super) fn make_exclusive(&self) -> io::Result<()> {
+        Ok(self.slave.as_ref().map_or(Ok(()), |[slave, _]| ioctl_tiocexcl(slave))?)
+    }
+
+    /// Closes the port's own slave descriptor, until it is [taken up](Pty::take_up) again.
+    pub(super) fn let_go(&mut self) {
+        self.slave = None;
+    }
+
+    /// Whether nobody has the slave side open: after it has been [let go](Pty::let_go).
+    pub(super) fn is_hung_up(&self) -> io::Result<bool> {
+        let mut polled = [PollFd::new(&self.master[0], PollFlags::empty())];
+        retry_on_intr(|| poll(&mut polled, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })))?;
+        Ok(polled[0].revents().contains(PollFlags::HUP))
+    }
+
+    /// Opens the slave side again. Says whether it could.
+    pub(super) fn take_up(&mut self) -> io::Result<bool> {
+        match open_slave(&self.path) {
+            Ok(slave) => self.attach(slave).map(|()| true),
+            // Somebody has just taken the port for itself; then the master side tells of its close.
+            Err(Errno::BUSY) => Ok(false),
+            Err(errno) => Err(errno.into()),
+        }
+    }
+
+    fn attach(&mut self, slave: OwnedFd) -> io::Result<()> {
+        let slave = twice(slave)?;
+        // Who waits last is woken first: new settings wake both, and are to be noted first.
+        self.order.watch(&slave[0], Mark::Wrote)?;
+        self.order.watch(&slave[1], Mark::Set)?;
+        self.slave = Some(slave);
+        // Both are listed from the start. That tells nothing.
+        let marks = self.order.take()?;
+        self.marks.extend(marks.into_iter().filter(|mark| !matches!(mark, Mark::Wrote | Mark::Set)));
+        Ok(())
+    }
+}
+
+/// A descriptor and its duplicate.
+fn twice(descriptor: OwnedFd) -> io::Result<[OwnedFd; 2]> {
+    let duplicate = descriptor.try_clone()?;
+    Ok([descriptor, duplicate])
+}
+
+fn open_slave(path: &Path) -> rustix::io::Result<OwnedFd> {
+    fs::open(path, OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC | OFlags::NONBLOCK, Mode::empty())
 }
 
 /// The current user's, mode 0600: a mount option of devpts may say otherwise.
@@ -211,15 +366,24 @@ fn set_line(slave: &OwnedFd, baud: u32) -> rustix::io::Result<Termios> {
 /// it the kernel no longer obeys XOFF.
 #[allow(unsafe_code)]
 fn packet_mode(master: impl AsFd) -> rustix::io::Result<()> {
-    #[cfg(not(any(
-        target_arch = "x86_64",
-        target_arch = "x86",
-        target_arch = "aarch64",
-        target_arch = "arm",
-        target_arch = "riscv64"
-    )))]
-    compile_error!("look up this machine's TIOCPKT: a few differ from asm-generic/ioctls.h");
     const TIOCPKT: Opcode = 0x5420;
     // SAFETY: TIOCPKT reads one int through its pointer, and changes no memory of ours.
     unsafe { ioctl(master, Setter::<TIOCPKT, c_int>::new(1)) }
 }
+
+#[allow(unsafe_code)]
+fn exclusive_mode(slave: impl AsFd) -> rustix::io::Result<bool> {
+    const TIOCGEXCL: Opcode = 0x8004_5440;
+    // SAFETY: TIOCGEXCL writes one int through its pointer, and nothing else.
+    let exclusive = unsafe { ioctl(slave, Getter::<TIOCGEXCL, c_int>::new()) }?;
+    Ok(exclusive != 0)
+}
+
+#[cfg(not(any(
+    target_arch = "x86_64",
+    target_arch = "x86",
+    target_arch = "aarch64",
+    target_arch = "arm",
+    target_arch = "riscv64"
+)))]
+compile_error!("look up this machine's TIOCPKT and TIOCGEXCL: a few differ from asm-generic/ioctls.h");

@@ -13,6 +13,7 @@ use std::time::Duration;
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fd::OwnedFd;
+use rustix::fs::inotify::{self, CreateFlags, WatchFlags};
 use rustix::fs::{Gid, Mode, OFlags, Uid, chown, open};
 use rustix::io::{Errno, ioctl_fionread};
 use rustix::process::geteuid;
@@ -23,7 +24,6 @@ use tempfile::TempDir;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio_serial::{SerialPort, SerialPortBuilderExt};
 
-use super::clients::Clients;
 use super::link::Link;
 use super::{LineSettings, LinkPath, PcPort, PortError, PortEvent};
 
@@ -63,8 +63,8 @@ impl Bench {
 
     async fn next_event(&mut self, max: usize) -> PortEvent {
         loop {
-            match self.port.event(max).await.unwrap() {
-                PortEvent::FlowControl | PortEvent::Began => {}
+            match self.port.event(max, None).await.unwrap() {
+                PortEvent::Set | PortEvent::Began => {}
                 event => return event,
             }
         }
@@ -74,7 +74,7 @@ impl Bench {
         let mut all = Vec::new();
         while all.len() < length {
             match self.event().await {
-                PortEvent::Data(data) => all.extend(data),
+                PortEvent::Data { bytes, .. } => all.extend(bytes),
                 other => panic!("{other:?} after {} of {length} bytes", all.len()),
             }
         }
@@ -86,15 +86,20 @@ impl Bench {
         matches!(pin!(self.next_event(max)).poll(&mut Context::from_waker(Waker::noop())), Poll::Pending)
     }
 
-    /// Waits until the kernel has moved `length` bytes to where the master side reads them.
+    /// Waits until so many bytes are held by the port, and by the kernel where the master side reads them.
     async fn arrived(&self, length: u64) {
-        eventually(|| ioctl_fionread(self.port.master()).unwrap() >= length).await;
+        let arrived = || {
+            let desk = self.port.unattended();
+            desk.held() as u64 + ioctl_fionread(desk.pty.master()).unwrap() >= length
+        };
+        eventually(arrived).await;
     }
 
     /// What a reader of the master side would be woken by; polling also has the kernel hand over what is on its way.
     fn poll_master(&self) -> PollFlags {
         let all = PollFlags::IN | PollFlags::PRI;
-        let mut polled = [PollFd::from_borrowed_fd(self.port.master(), all)];
+        let desk = self.port.unattended();
+        let mut polled = [PollFd::from_borrowed_fd(desk.pty.master(), all)];
         poll(&mut polled, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })).unwrap();
         polled[0].revents()
     }
@@ -167,15 +172,26 @@ async fn eventually(mut fact: impl FnMut() -> bool) {
     within(wait).await;
 }
 
-/// Drops the only client, and waits until the system has noticed, which the port is not asked to.
+/// Does what the port is to find out later.
+fn unnoticed<T>(port: &PcPort, act: impl FnOnce() -> T) -> T {
+    let _unattended = port.unattended();
+    act()
+}
+
+/// Drops a client, and waits until the system has noticed, while nobody attends to the port.
 ///
 /// The wait is needed because another test may be starting a process, which has a copy of the descriptor until it runs
 /// its program.
-async fn close_unnoticed(bench: &Bench, client: Client) {
-    let mut observer = Clients::watch(bench.port.path()).unwrap();
-    observer.assume_one();
+fn close(port: &PcPort, client: Client) {
+    let notices = inotify::init(CreateFlags::CLOEXEC).unwrap();
+    inotify::add_watch(&notices, port.path(), WatchFlags::CLOSE).unwrap();
     drop(client);
-    eventually(|| observer.look().unwrap()).await;
+    poll(&mut [PollFd::new(&notices, PollFlags::IN)], Some(&Timespec::try_from(WAIT).unwrap())).unwrap();
+}
+
+/// What a client writes at the rig's speed.
+fn data(bytes: &[u8]) -> PortEvent {
+    PortEvent::Data { bytes: bytes.to_vec(), baud: RIG_BAUD }
 }
 
 /// Runs `script` as a user who is not root, with the port's path as `$0`. None if this is not root's to do.
@@ -242,11 +258,11 @@ impl Bench {
         loop {
             match self.event().await {
                 PortEvent::Flushed => {}
-                PortEvent::Data(mut data) => {
-                    if data.len() < length {
-                        data.extend(self.data(length - data.len()).await);
+                PortEvent::Data { mut bytes, .. } => {
+                    if bytes.len() < length {
+                        bytes.extend(self.data(length - bytes.len()).await);
                     }
-                    return data;
+                    return bytes;
                 }
                 other => panic!("{other:?} instead of data"),
             }
@@ -266,7 +282,7 @@ async fn settings_follow_the_client_at_any_speed() {
     }
     client.set_ixon();
     assert_eq!(bench.port.settings().unwrap(), LineSettings { baud: 3_000_000, ixon: true });
-    assert_eq!(within(bench.port.event(0)).await.unwrap(), PortEvent::FlowControl);
+    assert_eq!(within(bench.port.event(0, None)).await.unwrap(), PortEvent::Set);
     assert!(bench.is_quiet(4096));
 }
 
@@ -297,6 +313,69 @@ async fn parity_and_modem_lines_are_not_carried() {
     let path = bench.port.path().to_str().unwrap();
     let mut with_lines = tokio_serial::new(path, 9_600).open_native_async().unwrap();
     assert!(with_lines.write_request_to_send(true).is_err());
+}
+
+/// Everything that happens at once, without the client's first words and what it has set.
+async fn all_that_follows(bench: &mut Bench, last: u8) -> Vec<PortEvent> {
+    let mut all: Vec<PortEvent> = Vec::new();
+    loop {
+        let event = bench.event().await;
+        let ends = matches!(&event, PortEvent::Data { bytes, .. } if bytes.ends_with(&[last]));
+        all.push(event);
+        if ends {
+            return all;
+        }
+    }
+}
+
+#[tokio::test]
+async fn bytes_are_of_the_speed_at_which_they_were_written() {
+    let mut bench = Bench::new();
+    let client = bench.client().await;
+    let speed = |baud| client.set(|termios| termios.set_speed(baud).unwrap());
+    let written = |bytes: &[u8], baud| PortEvent::Data { bytes: bytes.to_vec(), baud };
+    for round in 0..200_u32 {
+        let (old, new) = (9_600 + round, 19_200 + round);
+        speed(old);
+        eventually(|| bench.port.unattended().pty.line().baud == old).await;
+        client.write(b"old").unwrap();
+        // Returns at once, here.
+        termios::tcdrain(&client.0).unwrap();
+        speed(new);
+        eventually(|| bench.port.unattended().pty.line().baud == new).await;
+        client.write(b"new!").unwrap();
+        assert_eq!(all_that_follows(&mut bench, b'!').await, [written(b"old", old), written(b"new!", new)], "{round}");
+    }
+}
+
+#[tokio::test]
+async fn all_that_waits_is_of_the_old_speed_even_if_the_port_is_late() {
+    let mut bench = Bench::new();
+    let client = bench.client().await;
+    // More than the port takes before it is wanted.
+    client.write(&[b'o'; 5_000]).unwrap();
+    bench.arrived(5_000).await;
+    unnoticed(&bench.port, || client.set(|termios| termios.set_speed(19_200).unwrap()));
+    let old = all_data(&mut bench, 5_000).await;
+    assert_eq!(old, [(RIG_BAUD, 5_000)]);
+    unnoticed(&bench.port, || {
+        client.set(|termios| termios.set_speed(38_400).unwrap());
+        client.write(b"new").unwrap();
+    });
+    assert_eq!(all_data(&mut bench, 3).await, [(38_400, 3)]);
+}
+
+/// So many bytes: the speeds that they were written at, and how many at each.
+async fn all_data(bench: &mut Bench, length: usize) -> Vec<(u32, usize)> {
+    let mut all: Vec<(u32, usize)> = Vec::new();
+    while all.iter().map(|(_, length)| length).sum::<usize>() < length {
+        let PortEvent::Data { bytes, baud } = bench.event().await else { panic!("no data") };
+        match all.last_mut() {
+            Some((last, length)) if *last == baud => *length += bytes.len(),
+            _ => all.push((baud, bytes.len())),
+        }
+    }
+    all
 }
 
 // --- flow control ---------------------------------------------------------------------------------------------------
@@ -337,7 +416,7 @@ async fn unwanted_data_stay_in_the_kernel_and_block_the_client() {
         assert!(bench.is_quiet(0));
     }
     assert!((4_096..65_536).contains(&taken), "{taken} bytes were taken");
-    assert_eq!(bench.event_up_to(16).await, PortEvent::Data(vec![b'a'; 16]));
+    assert_eq!(bench.event_up_to(16).await, data(&[b'a'; 16]));
     assert!(bench.is_quiet(0));
     let rest = bench.data(taken - 16).await;
     assert_eq!(rest.len(), taken - 16);
@@ -365,7 +444,7 @@ async fn flush_by_the_client_is_told_and_empties_what_was_unread() {
     let mut bench = Bench::new();
     let client = bench.client().await;
     client.write(&[b'o'; 3000]).unwrap();
-    assert_eq!(bench.event_up_to(1).await, PortEvent::Data(b"o".to_vec()));
+    assert_eq!(bench.event_up_to(1).await, data(b"o"));
     bench.arrived(2999).await;
     assert!(bench.is_quiet(0));
     termios::tcflush(&client.0, QueueSelector::OFlush).unwrap();
@@ -387,6 +466,53 @@ async fn flush_of_a_full_buffer_leaves_nothing_and_ends_the_wait_for_room() {
     assert!(bench.is_quiet(4096), "old bytes survived the flush");
     assert_eq!(client.write(b"new"), Ok(3));
     assert_eq!(bench.data(3).await, b"new");
+}
+
+#[tokio::test]
+async fn flush_right_after_a_write_drops_it_and_spares_what_follows() {
+    let mut bench = Bench::new();
+    let client = bench.client().await;
+    for round in 0..200 {
+        client.write(b"old").unwrap();
+        if round % 2 == 0 {
+            // The kernel has handed them over to the master side: it does not flush them itself.
+            bench.arrived(3).await;
+        }
+        termios::tcflush(&client.0, QueueSelector::OFlush).unwrap();
+        assert_eq!(within(until_flushed(&mut bench)).await, PortEvent::Flushed);
+        assert!(bench.is_quiet(4096), "{round}: old bytes survived the flush");
+        unnoticed(&bench.port, || {
+            termios::tcflush(&client.0, QueueSelector::OFlush).unwrap();
+            client.write(b"new!").unwrap();
+        });
+        assert_eq!(all_that_follows(&mut bench, b'!').await, [PortEvent::Flushed, data(b"new!")], "{round}");
+    }
+}
+
+#[tokio::test]
+async fn flush_that_the_port_is_late_for_drops_what_was_written_before() {
+    let mut bench = Bench::new();
+    let client = bench.client().await;
+    for round in 0..200 {
+        unnoticed(&bench.port, || {
+            client.write(b"old").unwrap();
+            // Elapsed time: the kernel hands the bytes over meanwhile.
+            std::thread::sleep(Duration::from_micros(10 * round));
+            termios::tcflush(&client.0, QueueSelector::OFlush).unwrap();
+        });
+        assert_eq!(bench.event().await, PortEvent::Flushed);
+        assert!(bench.is_quiet(4096), "{round}: old bytes survived the flush");
+    }
+}
+
+/// The next flush: what was written before may have been taken already.
+async fn until_flushed(bench: &mut Bench) -> PortEvent {
+    loop {
+        match bench.port.event(0, None).await.unwrap() {
+            PortEvent::Began | PortEvent::Set => {}
+            event => return event,
+        }
+    }
 }
 
 #[tokio::test]
@@ -418,7 +544,8 @@ async fn port_without_clients_neither_fails_nor_spins() {
 async fn last_close_is_told_and_only_the_last() {
     let mut bench = Bench::new();
     // Both open unnoticed, then both close unnoticed: equal notices that inotify would merge.
-    let (first, second) = (Client::open(bench.port.path()), Client::open(bench.port.path()));
+    let open = || Client::open(bench.port.path());
+    let (first, second) = unnoticed(&bench.port, || (open(), open()));
     assert_eq!(bench.event().await, PortEvent::Opened);
     drop(first);
     assert!(bench.is_quiet(4096));
@@ -426,7 +553,7 @@ async fn last_close_is_told_and_only_the_last() {
     assert_eq!(second.read(11), b"still there");
     let third = Client::open(bench.port.path());
     assert!(bench.is_quiet(4096));
-    drop((second, third));
+    unnoticed(&bench.port, || drop((second, third)));
     assert_eq!(bench.event().await, PortEvent::Closed);
     assert!(bench.is_quiet(4096));
 }
@@ -474,10 +601,13 @@ async fn next_client_that_comes_at_once_gets_through() {
     let mut bench = Bench::new();
     let first = Client::open(bench.port.path());
     first.write(b"one").unwrap();
-    close_unnoticed(&bench, first).await;
-    let second = Client::open(bench.port.path());
-    second.set(|termios| termios.set_speed(19_200).unwrap());
-    second.write(b"two").unwrap();
+    let second = unnoticed(&bench.port, || {
+        close(&bench.port, first);
+        let second = Client::open(bench.port.path());
+        second.set(|termios| termios.set_speed(19_200).unwrap());
+        second.write(b"two").unwrap();
+        second
+    });
     for expected in [PortEvent::Opened, PortEvent::Closed, PortEvent::Opened] {
         assert_eq!(bench.event().await, expected);
     }
@@ -493,22 +623,22 @@ async fn what_a_client_has_left_is_told_apart_from_what_the_next_one_writes() {
     for forget in [false, true] {
         let old = bench.client().await;
         old.write(b"old").unwrap();
-        assert_eq!(within(bench.port.event(0)).await.unwrap(), PortEvent::Began);
+        assert_eq!(within(bench.port.event(0, None)).await.unwrap(), PortEvent::Began);
         bench.arrived(3).await;
         drop(old);
         assert_eq!(bench.event_up_to(0).await, PortEvent::Closed);
         assert!(bench.is_quiet(0));
         let new = Client::open(bench.port.link());
         assert_eq!(bench.event_up_to(0).await, PortEvent::Opened);
-        assert_eq!(bench.event_up_to(2).await, PortEvent::Data(b"ol".to_vec()));
+        assert_eq!(bench.event_up_to(2).await, data(b"ol"));
         new.write(b"new").unwrap();
-        assert_eq!(within(bench.port.event(0)).await.unwrap(), PortEvent::Began, "even if no data are wanted");
+        assert_eq!(within(bench.port.event(0, None)).await.unwrap(), PortEvent::Began, "even if no data are wanted");
         if forget {
             assert_eq!(bench.port.forget_leftover(), 1);
         } else {
-            assert_eq!(bench.event().await, PortEvent::Data(b"d".to_vec()));
+            assert_eq!(bench.event().await, data(b"d"));
         }
-        assert_eq!(bench.event().await, PortEvent::Data(b"new".to_vec()));
+        assert_eq!(bench.event().await, data(b"new"));
         drop(new);
         assert_eq!(bench.event().await, PortEvent::Closed);
     }
@@ -539,10 +669,11 @@ async fn settings_outlive_the_client() {
         termios.local_modes.insert(LocalModes::ECHO | LocalModes::ICANON);
     });
     client.write(b"slow").unwrap();
-    drop(client);
+    unnoticed(&bench.port, || close(&bench.port, client));
     assert_eq!(bench.event().await, PortEvent::Closed);
     assert_eq!(bench.port.settings().unwrap(), LineSettings { baud: 1_200, ixon: true });
-    assert_eq!(bench.event().await, PortEvent::Data(b"slow".to_vec()));
+    let slow = PortEvent::Data { bytes: b"slow".to_vec(), baud: 1_200 };
+    assert_eq!(bench.event().await, slow);
     assert_eq!(bench.port.settings().unwrap(), LineSettings { baud: 1_200, ixon: true });
     let next = termios::tcgetattr(&bench.client().await.0).unwrap();
     assert!(next.local_modes.contains(LocalModes::ECHO | LocalModes::ICANON));
@@ -578,9 +709,12 @@ async fn stopped_output_is_restarted_even_if_the_next_client_is_there_already() 
     client.set_ixon();
     bench.reply(&[XOFF, b'!']);
     assert_eq!(client.read(1), b"!");
-    close_unnoticed(&bench, client).await;
-    let next = Client::open(bench.port.path());
-    assert_eq!(next.write(b"x"), Err(Errno::AGAIN));
+    let next = unnoticed(&bench.port, || {
+        close(&bench.port, client);
+        let next = Client::open(bench.port.path());
+        assert_eq!(next.write(b"x"), Err(Errno::AGAIN));
+        next
+    });
     assert_eq!(bench.event().await, PortEvent::Closed);
     assert_eq!(bench.event().await, PortEvent::Opened);
     assert_eq!(next.write(b"x"), Ok(1));
@@ -599,7 +733,8 @@ async fn exclusive_mode_ends_with_its_client() {
     assert!(!opened, "exclusive mode keeps others out while its client is there");
     drop(client);
     assert_eq!(bench.event().await, PortEvent::Closed);
-    assert_eq!(as_nobody(&bench.port, "exec 3<>\"$0\""), Some(true));
+    // For as long as it takes to be noticed, if another test starts a process meanwhile: see `clients.rs`.
+    assert_eq!(as_nobody(&bench.port, "exec 3<>\"$0\"; sleep 0.05"), Some(true));
     assert_eq!(bench.event().await, PortEvent::Opened);
     assert_eq!(bench.event().await, PortEvent::Closed);
 }

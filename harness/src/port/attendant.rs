@@ -1,0 +1,290 @@
+//! What attends to the port: a thread that takes in at once what clients do, however busy the rig is.
+//!
+//! Everything is done under one lock, by whoever comes first: the thread, or the rig that asks for events.
+
+use std::collections::VecDeque;
+use std::io;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use rustix::event::{EventfdFlags, eventfd};
+use rustix::fd::OwnedFd;
+use tokio::sync::Notify;
+
+use super::clients::{Change, Clients};
+use super::order::{self, Mark, Waited};
+use super::pty::{Pty, Said};
+use super::{LineSettings, PortEvent};
+
+/// So many bytes are taken from a client before they are wanted, as by a serial driver: for these it is known at which
+/// speed they were written, and whether a flush is for them. Others stay in the kernel.
+const AHEAD: usize = 1024;
+/// So many are taken if they have to leave the kernel at once: what it holds, several times.
+const MOST: usize = 1 << 16;
+/// So often the port is looked at in a row, if there is always something new.
+const AT_ONCE: usize = 16;
+
+/// When the kernel has said that nobody is there, it is asked again after this.
+const ASKED_AGAIN: Duration = Duration::from_millis(2);
+
+/// The port as it is attended to.
+#[derive(Debug)]
+pub(super) struct Desk {
+    clients: Clients,
+    pub(super) pty: Pty,
+    /// What clients have done, and nobody has been told of.
+    queue: VecDeque<PortEvent>,
+    /// So many events of it are of clients that have closed the port.
+    left: usize,
+    /// So many are older than the client that was last told to have begun.
+    older: usize,
+    /// Whether the client that has the port open has written.
+    began: bool,
+    /// Whether a client has set the line, and nobody has been told.
+    set: bool,
+    failed: Option<io::Error>,
+}
+
+impl Desk {
+    pub(super) fn new(clients: Clients, pty: Pty) -> io::Result<Desk> {
+        pty.order().watch(clients.notices(), Mark::Noticed)?;
+        let queue = VecDeque::new();
+        Ok(Desk { clients, pty, queue, left: 0, older: 0, began: false, set: false, failed: None })
+    }
+
+    /// The next event, if it is there already. Data only if they were written at `baud`, if that is given.
+    pub(super) fn event(&mut self, max: usize, baud: Option<u32>) -> io::Result<Option<PortEvent>> {
+        self.failed.take().map_or(Ok(()), Err)?;
+        self.attend()?;
+        Ok(match self.clients.changes().pop_front() {
+            Some(Change::FirstOpened) => Some(PortEvent::Opened),
+            Some(Change::LastClosed) => Some(PortEvent::Closed),
+            None if core::mem::take(&mut self.set) => Some(PortEvent::Set),
+            None => self.next(max, baud),
+        })
+    }
+
+    fn next(&mut self, max: usize, baud: Option<u32>) -> Option<PortEvent> {
+        // That another client has begun is told even if nobody wants the bytes of the one before.
+        if let Some(began) = self.queue.iter().position(|event| *event == PortEvent::Began) {
+            self.older = began;
+            self.left -= usize::from(began < self.left);
+            return self.queue.remove(began);
+        }
+        match self.queue.front_mut()? {
+            PortEvent::Data { baud: at, .. } if max == 0 || baud.is_some_and(|baud| baud != *at) => None,
+            PortEvent::Data { bytes, baud } if bytes.len() > max => {
+                Some(PortEvent::Data { bytes: bytes.drain(..max).collect(), baud: *baud })
+            }
+            _ => {
+                self.left = self.left.saturating_sub(1);
+                self.older = self.older.saturating_sub(1);
+                self.queue.pop_front()
+            }
+        }
+    }
+
+    /// Writes towards the client. Returns how many bytes were lost.
+    pub(super) fn write(&mut self, bytes: &[u8]) -> usize {
+        // A failure here comes again at the next event.
+        let _ = self.attend();
+        if self.clients.is_unsure() {
+            let _ = self.ask_again();
+        }
+        if self.clients.nobody() { 0 } else { bytes.len() - self.pty.write(bytes) }
+    }
+
+    /// What the line was last set to.
+    pub(super) fn settings(&mut self) -> io::Result<LineSettings> {
+        self.attend()?;
+        Ok(self.pty.line())
+    }
+
+    /// The speed of what comes next: of the first byte that nobody has taken, or what the line is set to.
+    pub(super) fn next_baud(&self) -> u32 {
+        let baud = |event: &PortEvent| if let PortEvent::Data { baud, .. } = event { Some(*baud) } else { None };
+        self.queue.iter().find_map(baud).unwrap_or(self.pty.line().baud)
+    }
+
+    /// How many bytes clients have left that have closed the port.
+    pub(super) fn leftover(&self) -> usize {
+        self.queue.range(..self.left).map(bytes).sum()
+    }
+
+    /// How many bytes are held of the client that has the port open.
+    pub(super) fn held(&self) -> usize {
+        self.queue.range(self.left..).map(bytes).sum()
+    }
+
+    pub(super) fn forget_leftover(&mut self) -> usize {
+        let forgotten = self.queue.drain(..self.older).map(|event| bytes(&event)).sum();
+        self.left = self.left.saturating_sub(core::mem::take(&mut self.older));
+        forgotten
+    }
+
+    /// Takes in what has happened. Says whether there is more.
+    fn attend(&mut self) -> io::Result<bool> {
+        self.pty.note_order()?;
+        for _ in 0..AT_ONCE {
+            self.notice_clients()?;
+            let held = self.held();
+            if self.listen(AHEAD.saturating_sub(held), MOST.saturating_sub(held))? {
+                self.clients.hear();
+            }
+            if !self.pty.note_order()? {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    /// Makes sure that nobody is there.
+    fn ask_again(&mut self) -> io::Result<bool> {
+        self.clients.ask_again();
+        self.attend()
+    }
+
+    /// Takes in who opened and closed the port, and cleans up behind the last client at once: the next must find
+    /// neither its replies nor its stops.
+    fn notice_clients(&mut self) -> io::Result<()> {
+        let known = self.clients.changes().len();
+        if self.clients.look(&mut self.pty)? {
+            if self.clients.nobody() {
+                self.pty.clear_exclusive()?;
+            }
+            self.pty.forget_replies_and_restart()?;
+            // The next may be there already, but has hardly written yet.
+            self.listen(MOST, MOST)?;
+            self.left = self.queue.len();
+            self.began = false;
+        }
+        if self.clients.changes().len() > known && self.clients.changes().back() == Some(&Change::FirstOpened) {
+            self.forget_beginnings();
+        }
+        Ok(())
+    }
+
+    /// A client has opened the port: those before it have begun for nobody.
+    fn forget_beginnings(&mut self) {
+        let earlier = |n: &usize| self.queue[*n] == PortEvent::Began;
+        let (left, older) = ((0..self.left).filter(earlier).count(), (0..self.older).filter(earlier).count());
+        self.left -= left;
+        self.older -= older;
+        self.queue.retain(|event| *event != PortEvent::Began);
+    }
+
+    /// Takes what the client has done, at most `room` bytes, or `most` of which the speed would be lost. Says whether it
+    /// has written.
+    fn listen(&mut self, room: usize, most: usize) -> io::Result<bool> {
+        let mut wrote = false;
+        for said in self.pty.look(room, most.max(room))? {
+            match said {
+                Said::Set => self.set = true,
+                Said::Flushed => {
+                    self.queue.clear();
+                    (self.left, self.older) = (0, 0);
+                    self.queue.push_back(PortEvent::Flushed);
+                }
+                Said::Data(bytes, baud) => {
+                    wrote = true;
+                    self.put(bytes, baud);
+                }
+            }
+        }
+        Ok(wrote)
+    }
+
+    fn put(&mut self, data: Vec<u8>, at: u32) {
+        if !core::mem::replace(&mut self.began, true) {
+            self.queue.push_back(PortEvent::Began);
+        }
+        let apart = self.queue.len() <= self.left.max(self.older);
+        match self.queue.back_mut().filter(|_| !apart) {
+            Some(PortEvent::Data { bytes, baud }) if *baud == at => bytes.extend(data),
+            _ => self.queue.push_back(PortEvent::Data { bytes: data, baud: at }),
+        }
+    }
+}
+
+fn bytes(event: &PortEvent) -> usize {
+    if let PortEvent::Data { bytes, .. } = event { bytes.len() } else { 0 }
+}
+
+/// The port, and the thread that attends to it for as long as this lives.
+#[derive(Debug)]
+pub(super) struct Attendant {
+    shared: Arc<Shared>,
+    stop: Arc<OwnedFd>,
+    thread: Option<JoinHandle<()>>,
+}
+
+#[derive(Debug)]
+struct Shared {
+    desk: Mutex<Desk>,
+    /// Told whenever the thread has taken something in.
+    news: Notify,
+}
+
+impl Shared {
+    fn desk(&self) -> MutexGuard<'_, Desk> {
+        self.desk.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Attendant {
+    pub(super) fn start(desk: Desk) -> io::Result<Attendant> {
+        let order = desk.pty.order().descriptor()?;
+        let stop = Arc::new(eventfd(0, EventfdFlags::CLOEXEC)?);
+        let shared = Arc::new(Shared { desk: Mutex::new(desk), news: Notify::new() });
+        let (for_thread, stopped) = (Arc::clone(&shared), Arc::clone(&stop));
+        let thread = thread::Builder::new().name("port".to_owned());
+        let thread = thread.spawn(move || attend_to(&for_thread, &order, &stopped))?;
+        Ok(Attendant { shared, stop, thread: Some(thread) })
+    }
+
+    pub(super) fn desk(&self) -> MutexGuard<'_, Desk> {
+        self.shared.desk()
+    }
+
+    /// Waits until there may be an event. Cancel-safe.
+    pub(super) async fn news(&self) {
+        self.shared.news.notified().await;
+    }
+}
+
+impl Drop for Attendant {
+    fn drop(&mut self) {
+        // The thread ends as well if it has failed. The pty goes only with it.
+        let _ = rustix::io::write(&*self.stop, &1_u64.to_ne_bytes());
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+fn attend_to(shared: &Shared, order: &OwnedFd, stop: &OwnedFd) {
+    let (mut more, mut unsure) = (false, false);
+    loop {
+        let wait = if more { Some(Duration::ZERO) } else { unsure.then_some(ASKED_AGAIN) };
+        let waited = order::wait(order, stop, wait);
+        let mut desk = shared.desk();
+        let looked = match waited {
+            Ok(Waited::Stopped) => return,
+            Ok(Waited::InVain) if unsure => desk.ask_again(),
+            Ok(_) => desk.attend(),
+            Err(errno) => Err(errno.into()),
+        };
+        unsure = desk.clients.is_unsure();
+        let failed = looked.is_err();
+        match looked {
+            Ok(looked) => more = looked,
+            Err(error) => desk.failed = Some(error),
+        }
+        drop(desk);
+        shared.news.notify_one();
+        if failed {
+            return;
+        }
+    }
+}
