@@ -18,6 +18,7 @@ mod errata;
 mod failures;
 mod faults;
 mod foreign;
+mod hostile;
 mod identify;
 mod imports;
 mod interrupt;

@@ -1,8 +1,9 @@
 //! What tests with a serial client share: frames, a rig that logs every byte, a client that is held.
 
-use std::fs;
+use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
+use rustix::pty::{OpenptFlags, openpt, ptsname, unlockpt};
 use serialport::{FlowControl, SerialPort};
 
 use super::{Pc, Up, folder, torno, wait_until};
@@ -20,6 +21,14 @@ pub(crate) fn times(up: &Up, text: &str) -> usize {
 
 pub(crate) fn wait_for_times(up: &Up, text: &str, n: usize) {
     wait_until(&format!("{text:?} is logged {n} times; log:\n{}", up.log()), || times(up, text) >= n);
+}
+
+/// Opens and closes a terminal that is not the rig's.
+pub(crate) fn terminal() {
+    let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
+    unlockpt(&master).unwrap();
+    let name = ptsname(&master, Vec::new()).unwrap();
+    File::options().read(true).write(true).open(name.to_str().unwrap()).unwrap();
 }
 
 /// A rig that logs every byte that the PC's UART sends and receives.

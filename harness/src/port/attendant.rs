@@ -25,7 +25,7 @@ const MOST: usize = 1 << 16;
 /// So often the port is looked at in a row, if there is always something new.
 const AT_ONCE: usize = 16;
 
-/// When the kernel has said that nobody is there, it is asked again after this.
+/// When `/proc` has said something else than the notices, it is asked again after this.
 const ASKED_AGAIN: Duration = Duration::from_millis(2);
 
 /// The port as it is attended to.
@@ -89,9 +89,6 @@ impl Desk {
     pub(super) fn write(&mut self, bytes: &[u8]) -> usize {
         // A failure here comes again at the next event.
         let _ = self.attend();
-        if self.clients.is_unsure() {
-            let _ = self.ask_again();
-        }
         if self.clients.nobody() { 0 } else { bytes.len() - self.pty.write(bytes) }
     }
 
@@ -139,7 +136,7 @@ impl Desk {
         Ok(true)
     }
 
-    /// Makes sure that nobody is there.
+    /// Makes sure whether anybody is there.
     fn ask_again(&mut self) -> io::Result<bool> {
         self.clients.ask_again();
         self.attend()
@@ -149,7 +146,7 @@ impl Desk {
     /// neither its replies nor its stops.
     fn notice_clients(&mut self) -> io::Result<()> {
         let known = self.clients.changes().len();
-        if self.clients.look(&mut self.pty)? {
+        if self.clients.look(&self.pty)? {
             if self.clients.nobody() {
                 self.pty.clear_exclusive()?;
             }

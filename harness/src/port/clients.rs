@@ -2,11 +2,13 @@
 //!
 //! Only the port's own device is watched. inotify merges a notice into the one before it if both are equal and the
 //! older is unread: two opens in a row count as one, and the first close then looks like the last. If the queue is
-//! full, notices are lost. So the count is a guess, and after each close the kernel is asked whether anybody is there:
-//! without the port's own slave descriptor, a pty that nobody has open tells its master side that it is hung up.
+//! full, notices are lost. So the count is a guess, and after each close `/proc` is asked whether anybody is there.
 //!
-//! That descriptor is closed and opened again for this, which gives two notices. A client that opens in these few
-//! microseconds goes unnoticed. So a kernel that says "nobody" is asked once more, a little later.
+//! Without root's rights `/proc` does not show what root has open. Such a client counts as gone when another one closes
+//! the port, until it writes.
+//!
+//! There is another way to ask: a pty that nobody has open tells its master side that it is hung up. But the port would
+//! have to close its own slave descriptor for this, and could not open it again if a client set exclusive mode then.
 
 use std::collections::VecDeque;
 use std::io;
@@ -18,9 +20,6 @@ use rustix::fs::inotify::{self, CreateFlags, ReadFlags, Reader, WatchFlags};
 use rustix::io::Errno;
 
 use super::pty::Pty;
-
-/// So often the kernel is asked in a row, if clients come and go as fast: the next look goes on.
-const ASKED: usize = 4;
 
 /// What became of the port's clients as a whole.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,22 +33,15 @@ pub(super) enum Change {
 #[derive(Debug)]
 pub(super) struct Clients {
     notices: OwnedFd,
-    /// As the notices say: the kernel says whether it is 0.
+    /// As the notices say: `/proc` says whether it is 0.
     count: u32,
     changes: VecDeque<Change>,
-    /// Whether somebody has closed the port, or notices were lost, since the kernel was asked.
+    /// Whether somebody has closed the port, or notices were lost, since `/proc` was asked.
     doubtful: bool,
-    /// Whether the kernel is to be asked once more.
+    /// Whether it is to be asked once more.
     unsure: bool,
     /// Whether it is asked once more.
     again: bool,
-}
-
-/// Notices of the port's own descriptor, which are not to be counted.
-#[derive(Default)]
-struct Own {
-    opened: bool,
-    closed: bool,
 }
 
 impl Clients {
@@ -66,56 +58,36 @@ impl Clients {
     }
 
     /// Takes in what has happened up to now. True if the last client closed meanwhile, even if the next is there.
-    pub(super) fn look(&mut self, pty: &mut Pty) -> io::Result<bool> {
+    pub(super) fn look(&mut self, pty: &Pty) -> io::Result<bool> {
         let known = self.changes.len();
         let again = core::mem::take(&mut self.again);
-        for _ in 0..ASKED {
-            self.read_notices(&mut Own::default())?;
-            // Who has the port for itself lets nobody else in, so the guess is good; and this port could not open it
-            // again either.
-            let exclusive = pty.is_exclusive()?;
-            if !core::mem::take(&mut self.doubtful) || (exclusive && self.count == 0) {
-                break;
-            }
-            self.unsure = !again;
-            if exclusive {
-                pty.clear_exclusive()?;
-            }
-            self.ask(pty, known)?;
-            if exclusive && self.count > 0 {
-                pty.make_exclusive()?;
-            }
+        self.read_notices()?;
+        // Who has the port for itself lets nobody else in, so the guess is good, and the next has not to wait.
+        if core::mem::take(&mut self.doubtful) && !(self.count == 0 && pty.is_exclusive()?) {
+            self.correct(pty.is_held(), known, again);
         }
         Ok(self.changes.range(known..).any(|change| *change == Change::LastClosed))
     }
 
-    /// Asks the kernel whether anybody has the port open. `known` of the changes are certain.
-    fn ask(&mut self, pty: &mut Pty, known: usize) -> io::Result<()> {
-        pty.let_go();
-        let mut own = Own { closed: true, opened: false };
-        self.read_notices(&mut own)?;
-        // After that: what the notice of another close was merged into is part of the answer.
-        let nobody = pty.is_hung_up()?;
-        // A process that is being started has a copy until it runs its program; then the notice comes.
-        let unclear = own.closed && !nobody;
-        let opened = pty.take_up()?;
-        if unclear {
-            // The guess holds until then.
-        } else if nobody && self.count > 0 {
+    /// Somebody has the port open, or nobody, if that is known. `known` of the changes are certain.
+    fn correct(&mut self, held: Option<bool>, known: usize, again: bool) {
+        let Some(held) = held.filter(|held| *held != (self.count > 0)) else { return };
+        // A process that is being started has a copy of everything until it runs its program.
+        self.unsure = !again;
+        if !held {
             self.count = 0;
             self.changes.push_back(Change::LastClosed);
-        } else if !nobody && self.count == 0 {
-            self.count = 1;
-            if self.changes.len() > known && self.changes.back() == Some(&Change::LastClosed) {
-                self.changes.pop_back();
-            } else {
-                self.changes.push_back(Change::FirstOpened);
-            }
+            return;
         }
-        self.read_notices(&mut Own { closed: false, opened })
+        self.count = 1;
+        if self.changes.len() > known && self.changes.back() == Some(&Change::LastClosed) {
+            self.changes.pop_back();
+        } else {
+            self.changes.push_back(Change::FirstOpened);
+        }
     }
 
-    fn read_notices(&mut self, own: &mut Own) -> io::Result<()> {
+    fn read_notices(&mut self) -> io::Result<()> {
         let mut buffer = [MaybeUninit::uninit(); 4096];
         let mut reader = Reader::new(&self.notices, &mut buffer);
         let mut notices = Vec::new();
@@ -131,10 +103,7 @@ impl Clients {
             if events.contains(ReadFlags::QUEUE_OVERFLOW) {
                 self.doubtful = true;
             } else if events.contains(ReadFlags::OPEN) {
-                if !core::mem::take(&mut own.opened) {
-                    self.open();
-                }
-            } else if events.contains(ReadFlags::CLOSE_WRITE) && core::mem::take(&mut own.closed) {
+                self.open();
             } else if events.intersects(ReadFlags::CLOSE_WRITE | ReadFlags::CLOSE_NOWRITE) {
                 self.doubtful = true;
                 if self.count > 0 {
@@ -162,14 +131,14 @@ impl Clients {
         }
     }
 
-    /// Whether the kernel is to be [asked once more](Clients::ask_again) whether anybody is there.
+    /// Whether `/proc` is to be [asked once more](Clients::ask_again) whether anybody is there.
     pub(super) fn is_unsure(&self) -> bool {
-        self.unsure && self.count == 0
+        self.unsure
     }
 
     /// Asks it, with the next look.
     pub(super) fn ask_again(&mut self) {
-        (self.doubtful, self.again) = (true, true);
+        (self.doubtful, self.again, self.unsure) = (true, true, false);
     }
 
     /// Whether nobody has the port open.

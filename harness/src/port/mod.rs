@@ -10,14 +10,16 @@
 //!   cleared.
 //! - Nothing tells the master side of opens and closes. inotify does, but it merges equal notices that follow each
 //!   other unread, so a plain count of them is wrong: see `clients.rs`.
+//! - Nothing tells it whether a client has first written and then set another speed, or flushed: see `order.rs`.
 //! - `tcflush` by a client is known from packet mode only, and the kernel leaves what had already reached the master
 //!   side: see `pty.rs`.
+//! - All this is to be done at once, however busy the rig is. A thread attends to the port: see `attendant.rs`.
 //! - With IXON, XOFF stops the client's *next* write. What it has written before stays readable here: whoever reads
 //!   the port must stop by itself too.
 //!
-//! Like a serial driver, and like a pty: the kernel takes 9 to 18 KB from a client that nobody reads, and about 22
-//! KB for a client that does not read. Speed and flow control outlive the client that has set them, so `stty -F PORT`
-//! works. Unlike with a driver, `tcdrain` and `close` return at once.
+//! Like a serial driver, and like a pty: the kernel takes 9 to 18 KB from a client that nobody reads (and the port 1 KB
+//! more), and about 22 KB for a client that does not read. Speed and flow control outlive the client that has set them, so `stty -F PORT`
+//! works. Unlike with a driver, `tcdrain` and `close` return at once, and `TIOCOUTQ` is 0.
 //!
 //! **What a pty cannot carry**: parity and other frames than 8 data bits (the kernel clears `PARENB`), the modem lines
 //! (`TIOCMGET` and `TIOCMSET` fail with ENOTTY: no DTR, RTS, CTS, DSR, DCD) and break (silently lost). Software that

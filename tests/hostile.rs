@@ -1,0 +1,166 @@
+//! Hostile load at the PC port: what a rig must outlive, and what it costs.
+//!
+//! In CI at a small size. With `TORNO_HOSTILE=1` at the size of the figures in docs/port.md, with the figures on
+//! standard error: `TORNO_HOSTILE=1 cargo test -p torno --test whole hostile -- --nocapture --test-threads=1`.
+//! `TORNO_HOSTILE_SECONDS` is how long the stream at line rate lasts, 600 without it.
+
+#![allow(clippy::disallowed_methods, reason = "a load has a duration by the wall clock")]
+
+use std::fs::{self, File};
+use std::io::{Read, Write};
+use std::process::{Command, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+use serialport::{ClearBuffer, SerialPort};
+
+use crate::common::clients::terminal;
+use crate::common::{ACK, AT_REST, Pc, Up, XON, kill, wait_until};
+
+fn size(small: usize, full: usize) -> usize {
+    if std::env::var_os("TORNO_HOSTILE").is_some() { full } else { small }
+}
+
+/// Tells a figure, past the test harness.
+fn tell(up: &Up, what: &str) {
+    let status = fs::read_to_string(format!("/proc/{}/status", up.pid())).unwrap();
+    let memory = |name: &str| {
+        let line = status.lines().find_map(|line| line.strip_prefix(name));
+        line.unwrap().split_whitespace().next().unwrap().parse::<u64>().unwrap() / 1024
+    };
+    let text = format!("{what}; harness {} MB, at most {} MB\n", memory("VmRSS:"), memory("VmHWM:"));
+    std::io::stderr().write_all(text.as_bytes()).unwrap();
+}
+
+/// A client that opens the port as soon as it can: the one before may have had it for itself.
+fn client(up: &Up, baud: u32) -> Pc {
+    let mut opened = None;
+    wait_until("the port can be opened", || {
+        opened = serialport::new(up.link().to_str().unwrap(), baud).open_native().ok();
+        opened.is_some()
+    });
+    Pc { port: opened.unwrap() }
+}
+
+/// The rig still does what it is for.
+fn works(up: &Up) {
+    let mut pc = client(up, 9_600);
+    wait_until("a frame is executed", || {
+        // The silence after which the master listens again.
+        thread::sleep(Duration::from_millis(200));
+        pc.port.clear(ClearBuffer::Input).unwrap();
+        pc.write(&AT_REST);
+        pc.port.set_timeout(Duration::from_secs(2)).unwrap();
+        let mut replies = [0; 2];
+        pc.port.read_exact(&mut replies).is_ok() && replies == [ACK, XON]
+    });
+}
+
+/// Writes random bytes until `goes_on` says no, while all replies are read. Says how many there were of both.
+fn noise(up: &Up, mut goes_on: impl FnMut(usize) -> bool) -> (usize, usize) {
+    let mut pc = client(up, 9_600);
+    let mut reader = pc.port.try_clone_native().unwrap();
+    reader.set_timeout(Duration::from_millis(500)).unwrap();
+    let (over, ended) = std::sync::mpsc::channel::<()>();
+    let replies = thread::spawn(move || {
+        let (mut replies, mut buffer) = (0, [0; 4096]);
+        loop {
+            match reader.read(&mut buffer) {
+                Ok(read) => replies += read,
+                Err(_) if ended.try_recv().is_ok() => return replies,
+                Err(_) => {}
+            }
+        }
+    });
+    let (mut random, mut bytes, mut written) = (ChaCha8Rng::seed_from_u64(12), [0; 1024], 0);
+    pc.port.set_timeout(Duration::from_secs(60)).unwrap();
+    while goes_on(written) {
+        random.fill_bytes(&mut bytes);
+        pc.port.write_all(&bytes).unwrap();
+        written += bytes.len();
+    }
+    if size(1, 0) == 1 {
+        // At line rate, what the kernel holds would take 20 s.
+        pc.port.clear(ClearBuffer::Output).unwrap();
+    }
+    over.send(()).unwrap();
+    (written, replies.join().unwrap())
+}
+
+#[test]
+fn random_bytes_at_full_speed() {
+    let bytes = size(20_000, 10_000_000);
+    let up = Up::start(&["--pace", "max"]);
+    let start = Instant::now();
+    let (written, replies) = noise(&up, |written| written < bytes);
+    works(&up);
+    let lost = up.log().matches("bytes are lost").count();
+    tell(&up, &format!("noise at max: {written} bytes in {:.1?}, {replies} replies, {lost} losses", start.elapsed()));
+    assert_eq!(lost, 0);
+}
+
+#[test]
+fn random_bytes_at_line_rate() {
+    let full = std::env::var("TORNO_HOSTILE_SECONDS").map_or(600, |text| text.parse().unwrap());
+    let lasts = Duration::from_secs(size(2, full) as u64);
+    let up = Up::start(&[]);
+    let start = Instant::now();
+    let (written, replies) = noise(&up, |_| start.elapsed() < lasts);
+    let lost = up.log().matches("bytes are lost").count();
+    tell(&up, &format!("noise at line rate: {written} bytes in {lasts:?}, {replies} replies, {lost} losses"));
+    // What the kernel holds at the end is sent first: at most 20 s at line rate.
+    works(&up);
+    assert_eq!(lost, 0);
+}
+
+#[test]
+fn clients_that_die_in_mid_write() {
+    let clients = size(20, 400);
+    let up = Up::start(&["--pace", "max"]);
+    for n in 0..clients {
+        let port = File::options().write(true).open(up.link()).unwrap();
+        let mut cat = Command::new("cat").arg("/dev/urandom").stdin(Stdio::null()).stdout(port).spawn().unwrap();
+        thread::sleep(Duration::from_millis(n as u64 % 20));
+        cat.kill().unwrap();
+        cat.wait().unwrap();
+    }
+    works(&up);
+    tell(&up, &format!("deaths in mid-write: {clients}"));
+}
+
+#[test]
+fn reopenings_at_several_speeds() {
+    let times = size(200, 10_000);
+    let up = Up::start(&["--pace", "max"]);
+    let start = Instant::now();
+    for n in 0..times {
+        let speed = [9_600, 19_200, 115_200, 1_200][n % 4];
+        let mut pc = client(&up, speed);
+        if n % 3 == 0 {
+            pc.write(&AT_REST[..n % 8]);
+        }
+    }
+    works(&up);
+    tell(&up, &format!("reopenings: {times} in {:.1?}", start.elapsed()));
+}
+
+/// The rig is stopped meanwhile: a queue that these fill has overflowed when it looks again.
+#[test]
+fn terminals_opened_elsewhere() {
+    let terminals = 10_000;
+    let up = Up::start(&[]);
+    let mut pc = up.pc();
+    pc.write(&AT_REST);
+    pc.expect(&[ACK, XON]);
+    kill("-STOP", up.pid());
+    (0..terminals).for_each(|_| terminal());
+    kill("-CONT", up.pid());
+    for _ in 0..5 {
+        (0..size(200, 2_000)).for_each(|_| terminal());
+        pc.write(&AT_REST);
+        pc.expect(&[ACK, XON]);
+    }
+    tell(&up, &format!("terminals elsewhere: {}", terminals + 5 * size(200, 2_000)));
+}
