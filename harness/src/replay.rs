@@ -21,8 +21,8 @@ pub struct Replayed {
     pub digest: String,
 }
 
-/// What happens again that was not recorded is kept up to so many facts and edges. A recording says itself when it ends,
-/// and may be wrong.
+/// What happens again that was not recorded is kept up to so many facts and edges. A recording says itself when it
+/// ends, and may be wrong.
 const SURPLUS: usize = 200_000;
 
 /// Why a session cannot be repeated.

@@ -150,8 +150,8 @@ fn sweep(n: usize) {
     row("sweep, runs of the demonstration", "500 a second", &found);
 }
 
-/// What a master with three slaves adds to a rig: wall time per virtual second from when all boards stand, and grants of
-/// boards per virtual second. One of each in turn.
+/// What a master with three slaves adds to a rig: wall time per virtual second from when all boards stand, and grants
+/// of boards per virtual second. One of each in turn.
 fn curve(n: usize) {
     let folder = folder();
     let sizes = [1, 2, 5, 10];

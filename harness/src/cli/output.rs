@@ -56,8 +56,8 @@ pub(super) fn colour() -> bool {
     AutoStream::choice(&io::stdout()) != ColorChoice::Never
 }
 
-/// A file for a result; `-` is standard output. It is opened before anything runs: a file that cannot be written must not
-/// cost a run.
+/// A file for a result; `-` is standard output. It is opened before anything runs: a file that cannot be written must
+/// not cost a run.
 pub(super) struct OutputFile<'a> {
     path: &'a Path,
     file: Box<dyn Write>,

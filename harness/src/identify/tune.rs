@@ -523,8 +523,8 @@ impl fmt::Display for Tuning {
             let (proposed, present) = (short(proposed), short(present));
             writeln!(
                 text,
-                "{warn}slower: on the rig the proposed controller needs {proposed} s, what is there {present} s; a smaller \
-                 --phase-margin makes it quicker{warn:#}"
+                "{warn}slower: on the rig the proposed controller needs {proposed} s, what is there {present} s; a \
+                 smaller --phase-margin makes it quicker{warn:#}"
             )?;
         }
         writeln!(text)?;

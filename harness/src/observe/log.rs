@@ -47,8 +47,8 @@ pub enum Form {
     Json,
 }
 
-/// Starts logging to standard error, which never holds anything up. `RUST_LOG` says what is logged; without it, `default`
-/// does.
+/// Starts logging to standard error, which never holds anything up. `RUST_LOG` says what is logged; without it,
+/// `default` does.
 pub fn init(default: &str, form: Form) {
     let wanted = std::env::var("RUST_LOG").unwrap_or_default();
     let wanted = if wanted.trim().is_empty() { default } else { &wanted };
