@@ -193,7 +193,8 @@ mod tests {
             }
         }
         assert_eq!(read + lost, many);
-        assert!(read >= 600 && lost > 1_000, "{read} {lost}");
+        // As many as there is room for, and more as the thread and the pipe have taken some.
+        assert!(read >= 10 && lost > 1_000, "{read} {lost}");
         lines.wait(Duration::from_secs(60));
         lines.write_all(b"the last\n").unwrap();
         let mut last = [0; 9];
