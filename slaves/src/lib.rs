@@ -33,7 +33,7 @@ pub use depth::{Depth, DepthTask};
 pub use machine::{Machine, Progress};
 pub use servo::Servo;
 pub use settings::{
-    DepthController, DepthDrive, DepthEncoder, DepthPlant, DepthSettings, Eq12, KvOn, LeadForm, PositionForm,
+    DepthController, DepthDrive, DepthEncoder, DepthPlant, DepthSettings, Eq12, JudgedBy, KvOn, LeadForm, PositionForm,
     PositionModel, ServoController, ServoDrive, ServoEncoder, ServoPlant, ServoSettings, SetPoint, SpindleController,
     SpindleDrive, SpindleEncoder, SpindlePlant, SpindleSettings, TransverseController, TransverseDrive,
     TransverseEncoder, TransversePlant, TransverseSettings,

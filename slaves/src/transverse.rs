@@ -4,24 +4,26 @@ use torno_protocol::board::{Capability, Role, Signal};
 use torno_protocol::lathe::{Fault, TransverseSubFrame};
 use torno_protocol::time::Instant;
 
-use crate::control::{Gains, Pid, Profile};
+use crate::control::{Gains, Pid, Profile, STANDS_MS, Sample};
 use crate::drive::Bridge;
 use crate::encoder::Encoder;
 use crate::machine::{Machine, Progress, quantity};
 use crate::plant::{Axis, Plant, PositionMotor, SampledPlant};
-use crate::settings::{PositionModel, TransverseController, TransverseSettings};
+use crate::settings::{JudgedBy, PositionForm, PositionModel, TransverseController, TransverseSettings};
 use crate::slave::Slave;
 use crate::task::Task;
 
-/// In position for so long, the axis is done: four samples of 30 ms. (Ours.)
+/// In position for so long, the axis is done. (Ours.)
 const SETTLED_MS: u32 = 120;
 /// Driven for so long without a count, an axis that is not in position is stalled: 34 samples of 30 ms. (Ours.)
 const STALL_MS: u32 = 1_020;
+/// So for full drive: 12 samples of 30 ms. Any motor that can turn its shaft makes a count in one or two. (Ours.)
+const FULL_DRIVE_MS: u32 = 360;
 
 /// The feed axis's board.
 ///
-/// It executes a sub-frame until the set point has arrived and the axis has been within one count of it for four
-/// samples; then it holds the axis there.
+/// It executes a sub-frame until the set point has arrived and the axis stands within one count of it; then it holds
+/// the axis there.
 pub type Transverse = Slave<TransverseMachine, { TransverseSubFrame::LENGTH }>;
 
 /// What the feed axis's board does but for the link to its master.
@@ -49,8 +51,13 @@ struct Firmware {
     /// The sense of the move under way.
     direction: i64,
     settled: u32,
+    /// Where it was when it began to be in position.
+    settled_at: i64,
     still: u32,
     in_position: i64,
+    judged_by: JudgedBy,
+    /// A weaker drive without a count makes no stall.
+    stall_drive: i64,
     settled_samples: u32,
     stall_samples: u32,
     drive: i64,
@@ -63,19 +70,36 @@ impl Firmware {
         let TransverseController { form, k1, k2, k3, kch, kv, ka, sample_ms, .. } = settings.controller;
         let controller = &settings.controller;
         let sample_s = settings.sample_s();
-        let gains = Gains { k1, k2, k3, zone: f64::from(controller.integral_zone_counts), kch };
+        let gains = Gains {
+            k1,
+            k2,
+            k3,
+            k2_standing: controller.k2_standing,
+            breakaway: controller.breakaway,
+            dead_band: f64::from(controller.dead_band_counts.min(controller.in_position_counts)),
+            zone: f64::from(controller.integral_zone_counts),
+            kch,
+        };
+        let full = Bridge::full(settings.drive.bits);
+        let by_motion = controller.judged_by == JudgedBy::Motion;
+        let by_drive = by_motion && form == PositionForm::Pid && controller.breakaway > 0.0;
+        let (settled_ms, stall_ms) =
+            (if by_motion { STANDS_MS } else { SETTLED_MS }, if by_drive { FULL_DRIVE_MS } else { STALL_MS });
         Self {
-            pid: Pid::new(form, gains, sample_s, Bridge::full(settings.drive.bits)),
-            profile: Profile::new(controller.set_point, controller.accel_counts_per_sample2),
+            pid: Pid::new(form, gains, sample_s, full),
+            profile: Profile::new(controller.set_point, controller.accel_counts_per_sample2, controller.wait_counts),
             feed_forward: (kv / sample_s, ka / (sample_s * sample_s)),
             holding: false,
             count: 0,
             direction: 0,
             settled: 0,
+            settled_at: 0,
             still: 0,
             in_position: i64::from(controller.in_position_counts),
-            settled_samples: SETTLED_MS.div_ceil(sample_ms),
-            stall_samples: STALL_MS.div_ceil(sample_ms),
+            judged_by: controller.judged_by,
+            stall_drive: if by_drive { full as i64 } else { 1 },
+            settled_samples: settled_ms.div_ceil(sample_ms),
+            stall_samples: stall_ms.div_ceil(sample_ms),
             drive: 0,
             service: 0,
         }
@@ -103,20 +127,26 @@ impl Firmware {
         self.profile.rest_at(count);
     }
 
-    fn control(&mut self) {
-        self.profile.step();
+    fn control(&mut self, moved: bool) {
+        self.profile.step(self.count);
         let (per_speed, per_acceleration) = self.feed_forward;
         let feed_forward =
             per_speed * self.profile.speed() as f64 + per_acceleration * self.profile.acceleration() as f64;
         let set_point = self.profile.set_point();
-        self.drive = self.pid.step((set_point - self.count) as f64, set_point as f64, feed_forward);
+        self.drive = self.pid.step(Sample {
+            error: (set_point - self.count) as f64,
+            set_point: set_point as f64,
+            feed_forward,
+            finished: self.profile.is_finished(),
+            moved,
+        });
     }
 
     fn progress(&mut self, moved: bool) -> Progress {
         let to_go = (self.profile.target() - self.count).abs();
-        let goes = moved || to_go <= self.in_position || self.drive == 0;
+        let goes = moved || to_go <= self.in_position || self.drive.abs() < self.stall_drive;
         self.still = if goes { 0 } else { self.still + 1 };
-        self.settled = if self.profile.is_finished() && to_go <= self.in_position { self.settled + 1 } else { 0 };
+        self.settle(to_go);
         if self.still >= self.stall_samples {
             Progress::Failed(Fault::Stalled)
         } else if self.settled >= self.settled_samples {
@@ -124,6 +154,22 @@ impl Firmware {
         } else {
             Progress::Going
         }
+    }
+
+    /// For how many samples it has been in position. Judged by motion, it must not pass through, and a sample at the
+    /// target itself counts twice.
+    fn settle(&mut self, to_go: i64) {
+        let by_motion = self.judged_by == JudgedBy::Motion;
+        let passes = by_motion && (self.count - self.settled_at).abs() > self.in_position;
+        if !self.profile.is_finished() || to_go > self.in_position {
+            self.settled = 0;
+            return;
+        }
+        if self.settled == 0 || passes {
+            self.settled = 0;
+            self.settled_at = self.count;
+        }
+        self.settled += if by_motion && to_go == 0 { 2 } else { 1 };
     }
 }
 
@@ -203,7 +249,7 @@ impl Machine for TransverseMachine {
         }
         let moved = count != self.firmware.count;
         self.firmware.count = count;
-        self.firmware.control();
+        self.firmware.control(moved);
         self.axis.drive(self.firmware.drive);
         if !busy {
             return Progress::Going;
@@ -276,9 +322,9 @@ mod tests {
         let peak = path.iter().map(|(_, x)| *x).fold(0.0, f64::max);
         assert!(lag <= 12, "{lag}");
         assert!(peak - 9_000.0 <= 4.9, "{peak}");
-        // 119 samples of set point, 0.45 s to be in position, 4 samples to be sure of it.
+        // 119 samples of set point, 0.45 s to be in position, up to 8 samples to be sure of it.
         let Some((samples, Progress::Done)) = ended else { panic!("{ended:?}") };
-        assert!((119..=119 + 15 + 4).contains(&samples), "{samples}");
+        assert!((119..=119 + 15 + 8).contains(&samples), "{samples}");
         assert!((path[249].1 - 9_000.0).abs() < 1.0);
     }
 

@@ -10,7 +10,7 @@ use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{ACK, BEL, CAN, CHARACTER, ENQ};
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::Character;
-use torno_slaves::{Depth, DepthController, DepthPlant, DepthSettings, Transverse, TransverseSettings};
+use torno_slaves::{Depth, DepthController, DepthPlant, DepthSettings, JudgedBy, Transverse, TransverseSettings};
 
 /// Speed, distance and direction as the transverse axis gets them.
 fn way(speed: u8, distance: i32) -> [u8; 4] {
@@ -216,6 +216,18 @@ fn the_transverse_axis_stops_at_both_ends_and_comes_back() {
 #[test]
 fn a_blocked_axis_is_reported() {
     let mut bench = transverse();
+    bench.send(&way(112, 9_000));
+    bench.run_ms(s(1));
+    bench.stimulus(MotorStimulus::Stall(true).of(0));
+    // The error grows at once to where the drive is full, and then 0.36 s are enough.
+    bench.run_ms(350);
+    assert_eq!(bench.replies(), []);
+    bench.run_ms(200);
+    assert_eq!((bench.replies(), bench.value("drive")), (vec![CAN, b's'], 0));
+
+    let mut settings = TransverseSettings::default();
+    settings.controller.judged_by = JudgedBy::Time;
+    let mut bench = Bench::new(Transverse::new(&settings, Clock::TRUE));
     bench.send(&way(112, 9_000));
     bench.run_ms(s(1));
     bench.stimulus(MotorStimulus::Stall(true).of(0));

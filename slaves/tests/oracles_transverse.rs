@@ -10,6 +10,7 @@ mod common;
 
 use core::f64::consts::PI;
 
+use common::envelope::plain;
 use common::response::{
     changed, crossing, differences, least_squares, near, peak, poles, recurrence, sampled, settled,
 };
@@ -32,6 +33,7 @@ fn finer(mut settings: TransverseSettings, times: u32) -> TransverseSettings {
     for gain in [
         &mut controller.k1,
         &mut controller.k2,
+        &mut controller.k2_standing,
         &mut controller.k3,
         &mut controller.kch,
         &mut controller.kv,
@@ -52,7 +54,7 @@ fn finer(mut settings: TransverseSettings, times: u32) -> TransverseSettings {
 }
 
 fn stepped(form: PositionForm, sample_ms: u32) -> TransverseSettings {
-    let mut settings = TransverseSettings::default();
+    let mut settings = plain();
     settings.controller.form = form;
     settings.controller.set_point = SetPoint::Step;
     settings.controller.sample_ms = sample_ms;
@@ -316,7 +318,7 @@ fn a_count_is_2_2_micrometres_and_500_rpm_are_16_7_mm_a_second() {
 
 /// The response to a step of a few counts, which saturates nothing, seen a thousand times as fine.
 fn small_step(mut settings: TransverseSettings, k2: f64, counts: u16) -> Vec<f64> {
-    settings.controller.k2 = k2;
+    (settings.controller.k2, settings.controller.k2_standing) = (k2, k2);
     response(&finer(settings, 1_000), 1_000 * counts, 10, 30)
 }
 
@@ -380,13 +382,16 @@ fn profile(settings: &TransverseSettings) -> (f64, f64, f64) {
 
 #[test]
 fn a_profile_of_9000_counts_is_followed_within_12() {
-    let settings = TransverseSettings::default();
+    let settings = plain();
     assert_eq!((settings.controller.kv, settings.controller.ka), (0.034, 0.024_437_5));
     let (lag, overshoot, in_position) = profile(&settings);
     near("lag", lag, 11.5, 1.0);
     // With a trapezoid that ends in a remainder it would be 4.9; this one slows down by whole counts to the last.
     assert!(overshoot <= 4.9, "{overshoot}");
     near("in position after", in_position, 0.45, 0.09);
+    // The default law is no worse.
+    let (lag, overshoot, in_position) = profile(&TransverseSettings::default());
+    assert!(lag <= 12.5 && overshoot <= 4.9 && in_position <= 0.54, "{lag} {overshoot} {in_position}");
     let mut blind = settings;
     (blind.controller.kv, blind.controller.ka) = (0.0, 0.0);
     near("lag without feed-forward", profile(&blind).0, 123.0, 5.0);
@@ -429,4 +434,30 @@ fn friction_of_200_counts_a_second_leaves_no_error() {
     settings.controller.in_position_counts = 2;
     let (bench, _) = go(&settings, 900, 60);
     assert_eq!(bench.value("position_counts"), 900);
+}
+
+/// A step of 900 counts, which saturates the drive, by the default law.
+#[test]
+fn the_default_law_takes_a_step_as_eq_14_alone_does() {
+    let response_of = |mut settings: TransverseSettings| {
+        settings.controller.set_point = SetPoint::Step;
+        let y = response(&settings, 900, 9, 30);
+        let rise = (crossing(&y, 0.9) - crossing(&y, 0.1)) * 0.030;
+        (rise, settled(&y, 1.0, 0.02) * 0.030, y.iter().copied().fold(0.0, f64::max))
+    };
+    let (plain, default) = (response_of(plain()), response_of(TransverseSettings::default()));
+    near("rise", default.0, plain.0, 0.1 * plain.0);
+    near("settling", default.1, plain.1, 0.1 * plain.1);
+    assert!(default.2 <= 1.01, "{default:?}");
+}
+
+/// As [`friction_of_200_counts_a_second_leaves_no_error`], but arrival within a count.
+#[test]
+fn the_default_law_has_no_need_of_two_counts_for_it() {
+    let mut settings = TransverseSettings::default();
+    settings.controller.set_point = SetPoint::Step;
+    settings.plant.friction = 200.0 / 7_500.0;
+    let (mut bench, _) = go(&settings, 900, 60);
+    assert_eq!(bench.replies(), [ACK]);
+    assert!((bench.value("position_counts") - 900).abs() <= 1);
 }

@@ -7,5 +7,5 @@ mod profile;
 
 pub(crate) use lead::Lead;
 pub(crate) use on_off::OnOff;
-pub(crate) use pid::{Gains, Pid};
+pub(crate) use pid::{Gains, Pid, STANDS_MS, Sample};
 pub(crate) use profile::Profile;

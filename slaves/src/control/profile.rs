@@ -10,6 +10,8 @@ use crate::settings::SetPoint;
 pub(crate) struct Profile {
     form: SetPoint,
     accel: i64,
+    /// It goes no further ahead of the axis; without end if 0.
+    lead: i64,
     speed_max: i64,
     target: i64,
     set_point: i64,
@@ -19,10 +21,11 @@ pub(crate) struct Profile {
 }
 
 impl Profile {
-    /// A set point that rests at 0; `accel` in counts per sample², at least 1.
-    pub(crate) fn new(form: SetPoint, accel: u32) -> Self {
-        let accel = i64::from(accel.max(1));
-        Self { form, accel, speed_max: 0, target: 0, set_point: 0, speed: 0, acceleration: 0 }
+    /// A set point that rests at 0; `accel` in counts per sample², at least 1. It waits for an axis that is `lead`
+    /// counts behind, unless that is 0.
+    pub(crate) fn new(form: SetPoint, accel: u32, lead: u32) -> Self {
+        let (accel, lead) = (i64::from(accel.max(1)), i64::from(lead));
+        Self { form, accel, lead, speed_max: 0, target: 0, set_point: 0, speed: 0, acceleration: 0 }
     }
 
     /// Puts set point and target to `count` at once.
@@ -59,8 +62,8 @@ impl Profile {
         self.set_point == self.target && self.speed == 0 && self.acceleration == 0
     }
 
-    /// One sample.
-    pub(crate) fn step(&mut self) {
+    /// One sample, with the axis at `count`.
+    pub(crate) fn step(&mut self, count: i64) {
         if self.form == SetPoint::Step {
             self.set_point = self.target;
             return;
@@ -70,6 +73,10 @@ impl Profile {
         // A few rounds at most: one acceleration slower than before always stops in time.
         while speed > 0 && self.braking(speed) > to_go.abs() {
             speed -= 1;
+        }
+        if self.lead > 0 {
+            let ahead = (self.set_point - count) * to_go.signum();
+            speed = speed.min((self.lead - ahead).max(0));
         }
         let speed = speed * to_go.signum();
         self.acceleration = speed - self.speed;
@@ -93,7 +100,7 @@ mod tests {
     fn steps(profile: &mut Profile) -> Vec<i64> {
         let mut speeds = Vec::new();
         loop {
-            profile.step();
+            profile.step(profile.set_point());
             if profile.is_finished() {
                 return speeds;
             }
@@ -103,7 +110,7 @@ mod tests {
 
     #[test]
     fn a_short_move_is_a_triangle() {
-        let mut profile = Profile::new(SetPoint::Trapezoid, 3);
+        let mut profile = Profile::new(SetPoint::Trapezoid, 3, 0);
         profile.go(-24, 112);
         assert_eq!(steps(&mut profile), [-3, -6, -8, -5, -2, 0]);
         assert_eq!(profile.set_point(), -24);
@@ -111,7 +118,7 @@ mod tests {
 
     #[test]
     fn nine_thousand_counts_at_112_take_118_samples() {
-        let mut profile = Profile::new(SetPoint::Trapezoid, 3);
+        let mut profile = Profile::new(SetPoint::Trapezoid, 3, 0);
         profile.go(9_000, 112);
         let speeds = steps(&mut profile);
         // 9000/112 samples at full speed and half of two ramps of 112/3.
@@ -121,10 +128,27 @@ mod tests {
 
     #[test]
     fn a_step_is_there_at_once() {
-        let mut profile = Profile::new(SetPoint::Step, 3);
+        let mut profile = Profile::new(SetPoint::Step, 3, 0);
         profile.go(9_000, 1);
-        profile.step();
+        profile.step(0);
         assert_eq!((profile.set_point(), profile.speed(), profile.is_finished()), (9_000, 0, true));
+    }
+
+    /// As with a load at the motor's no-load speed: the axis follows by 150 counts a sample.
+    #[test]
+    fn it_waits_for_an_axis_that_cannot_follow() {
+        let mut profile = Profile::new(SetPoint::Trapezoid, 3, 170);
+        profile.go(-18_000, 225);
+        let mut count = 0;
+        let mut samples = 0;
+        while !profile.is_finished() {
+            profile.step(count);
+            assert!((profile.set_point() - count).abs() <= 170 && profile.set_point() >= -18_000);
+            count -= (count - profile.set_point()).clamp(0, 150);
+            samples += 1;
+        }
+        // Two ramps to the axis's own speed, and that speed between.
+        assert!((165..=180).contains(&samples), "{samples}");
     }
 
     proptest! {
@@ -135,7 +159,7 @@ mod tests {
             accel in 1..=225u32,
             from in -36_000..36_000i64,
         ) {
-            let mut profile = Profile::new(SetPoint::Trapezoid, accel);
+            let mut profile = Profile::new(SetPoint::Trapezoid, accel, 0);
             profile.rest_at(from);
             profile.go(distance, speed);
             let mut before = 0;

@@ -13,7 +13,7 @@ pub use depth::{DepthController, DepthDrive, DepthEncoder, DepthPlant, DepthSett
 pub use servo::{KvOn, ServoController, ServoDrive, ServoEncoder, ServoPlant, ServoSettings};
 pub use spindle::{LeadForm, SpindleController, SpindleDrive, SpindleEncoder, SpindlePlant, SpindleSettings};
 pub use transverse::{
-    Eq12, PositionForm, PositionModel, SetPoint, TransverseController, TransverseDrive, TransverseEncoder,
+    Eq12, JudgedBy, PositionForm, PositionModel, SetPoint, TransverseController, TransverseDrive, TransverseEncoder,
     TransversePlant, TransverseSettings,
 };
 

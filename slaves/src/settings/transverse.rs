@@ -96,7 +96,13 @@ settings! {
         /// K1 = Kp (Eq. 14).
         k1: f64 = 1.5, GAIN, "LSB per count", "ours";
         /// K2 = Kp/Ti (Eq. 14).
-        k2: f64 = 0.5, GAIN, "LSB per count and s", "ours";
+        k2: f64 = 1.0, GAIN, "LSB per count and s", "ours";
+        /// K2 while set point and axis stand.
+        k2_standing: f64 = 3.0, GAIN, "LSB per count and s", "ours";
+        /// How fast the integral's growth grows while the axis stands out of its dead band; 0: it does not.
+        breakaway: f64 = 500.0, GAIN, "LSB/s²", "ours";
+        /// With set point and axis standing, so small an error is not integrated: friction holds the axis there.
+        dead_band_counts: u32 = 1, 0..=1_000, "counts", "ours";
         /// K3 = Kp·Td (Eq. 14).
         k3: f64 = 0.27, GAIN, "LSB·s per count", "ours";
         /// The gain of the characterisation's loop (Fig. 9): Km·255/7500.
@@ -109,6 +115,10 @@ settings! {
         ka: f64 = 0.024_437_5, GAIN, "LSB per count/s²", "ours";
         /// The set point's acceleration.
         accel_counts_per_sample2: u32 = 3, 1..=225, "counts per sample²", "ours";
+        /// A set point that is so far ahead waits for the axis. Without a load none is (813 counts); 0: it never waits.
+        wait_counts: u32 = 900, 0..=1_000_000, "counts", "ours";
+        /// What makes the axis done, and what stalled.
+        judged_by: JudgedBy = JudgedBy::Motion, JudgedBy::NAMES, "", "ours";
         /// The sampling time. (Eq. 12 was computed with 32.)
         sample_ms: u32 = 30, 1..=1_000, "ms", "§4";
         /// How near the target is in position.
@@ -129,6 +139,18 @@ choice! {
         Characterisation = "characterisation",
         /// No loop: the set point, in counts, is the drive in LSB. (Ours.)
         Open = "open",
+    }
+}
+
+choice! {
+    /// What makes an axis done, and what makes it stalled.
+    pub enum JudgedBy {
+        /// Done: 0.24 s in position, moving by no more than that; a sample at the target counts twice. Stalled: fully
+        /// driven for 0.36 s without a count. Without `breakaway`, or with another law than `pid`, the drive need not
+        /// ever be full: then `time` holds for a stall.
+        Motion = "motion",
+        /// Done: 0.12 s in position. Stalled: driven for 1.02 s without a count, however weakly.
+        Time = "time",
     }
 }
 

@@ -3,6 +3,7 @@
 #![allow(dead_code, reason = "each test file uses a part of it")]
 #![allow(clippy::unwrap_used, reason = "part of tests")]
 
+pub(crate) mod envelope;
 pub(crate) mod response;
 
 use torno_protocol::board::{Board, Input, Output, Stimulus, event_text};
