@@ -187,9 +187,16 @@ pub(crate) fn play(settings: &TransverseSettings, moves: &[Move]) -> Verdict {
     verdict
 }
 
-/// After how many seconds a shaft that is blocked at any sample of a move is told of, at most. One that is within a
-/// count of its target may be done. None: one is not told of within 10 s.
-pub(crate) fn told_within(settings: &TransverseSettings, step: Move) -> Option<f64> {
+/// After how many seconds a shaft is told of that is blocked at any sample of several moves, for several frictions and
+/// loads, at most. One that is within a count of its target may be done; one not told of within 10 s counts as these.
+pub(crate) fn told_within(settings: &TransverseSettings) -> f64 {
+    let moves = [(225, 9_000), (112, -4_500), (20, 600), (1, 20), (225, -50), (60, 3)];
+    let cells = LOADS.into_iter().flat_map(|load| [0.0, 0.03, 0.12].map(|friction| against(settings, friction, load)));
+    let told = cells.flat_map(|settings| moves.map(|(speed, way)| told_of(&settings, Move { speed, way })));
+    told.map(|told| told.unwrap_or(10.0)).fold(0.0, f64::max)
+}
+
+fn told_of(settings: &TransverseSettings, step: Move) -> Option<f64> {
     let mut feed = Feed::new(settings);
     feed.start(step);
     let mut longest: f64 = 0.0;
