@@ -208,8 +208,8 @@ fn a_browser_shows_the_plots_and_looks_closer() {
         assert!(id.ends_with("close") || id.ends_with("bus") || chart.split("points=\"").skip(1).any(long), "{id}");
         assert!(chart.contains("<title>") || chart.contains("<polyline"), "{id}");
     }
-    // From 400 px of 1000, of which the axis begins at 176: 27.2 % of 124.50 s.
-    assert!(dom.contains("shown: 33.9") && dom.contains("svg class=\"sheet\""), "{}", dom.len());
+    // From 400 px of 1000, of which the axis begins at 176: 27.7 % of 124.50 s.
+    assert!(dom.contains("shown: 34.4") && dom.contains("svg class=\"sheet\""), "{}", dom.len());
     assert!(!chart(&dom, "chart-bus").contains("viewBox=\"0 0 20000 2000\""));
     assert!(chart(&html, "chart-bus").contains("viewBox=\"0 0 20000 2000\""));
 }
