@@ -11,7 +11,7 @@ use torno_protocol::layout::{BoardLayout, GATEWAY, Layout, LineLayout};
 use torno_protocol::time::Span;
 use torno_protocol::uart::BITS_PER_CHARACTER;
 
-use super::place;
+use super::{before, place};
 use crate::text_file::TextError;
 use torno_bus::{Dialect, Names, PcUart};
 use torno_machines::kinds::{self, KindError};
@@ -247,9 +247,11 @@ impl RigFile {
         self.with(place.trim(), value.trim())
     }
 
-    /// The layout of the rig with this text, which was named `path`; none if it is no rig.
-    pub fn layout_of(path: &str, text: &str) -> Option<Layout> {
-        Self::parse(path, text).ok().map(|file| file.layout)
+    /// The layout of the rig with this text, which was named `path`, and the text with the defaults spelled out that
+    /// were others when version 3 of the trace's format was written; none if it is no rig.
+    pub fn layout_of(path: &str, text: &str) -> Option<(Layout, String)> {
+        let text = before::spelled_out(text)?;
+        Self::parse(path, &text).ok().map(|file| (file.layout, text))
     }
 
     /// The names of its parts.

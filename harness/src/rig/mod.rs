@@ -1,5 +1,6 @@
 //! A running rig: boards in their processes (or all in this one), joined by the time engine.
 
+mod before;
 mod cost;
 pub mod file;
 pub mod join;

@@ -46,13 +46,14 @@ pub enum Damage {
 
 /// Reads a trace: what could be read of it, and what is wrong with the rest. Without a good header there is none.
 ///
-/// `layout` gives the layout of a rig from its name and its file's text: version 3 does not store it.
+/// `layout` gives the layout of a rig from its name and its file's text, which version 3 does not store; and the text
+/// with what it meant then.
 ///
 /// # Errors
 /// [`Damage`] if not even the header is good.
 pub fn read(
     input: impl Read,
-    layout: impl Fn(&str, &str) -> Option<Layout>,
+    layout: impl Fn(&str, &str) -> Option<(Layout, String)>,
 ) -> Result<(Trace, Option<Damage>), Damage> {
     let mut blocks = Blocks { input, byte: 0, number: 0 };
     let (header, what) = blocks.header(layout)?;
@@ -122,7 +123,10 @@ struct Blocks<R> {
 
 impl<R: Read> Blocks<R> {
     /// The header, and how the rest of the file has what came from outside.
-    fn header(&mut self, layout: impl Fn(&str, &str) -> Option<Layout>) -> Result<(Header, ReadWhat), Damage> {
+    fn header(
+        &mut self,
+        layout: impl Fn(&str, &str) -> Option<(Layout, String)>,
+    ) -> Result<(Header, ReadWhat), Damage> {
         let start = self.take(MAGIC.len() as u64 + 2)?;
         let (magic, version) = start.split_at_checked(MAGIC.len()).ok_or(Damage::Foreign)?;
         if magic != MAGIC {

@@ -106,12 +106,12 @@ enum Stimulus {
 
 /// Reads a header. What it does not say is what the rig that its text describes has today, as far as it can be built
 /// and has the same boards and lines; and of a quantity, what a board of the same kind says of one of that name.
-pub(crate) fn header(bytes: &[u8], layout: impl Fn(&str, &str) -> Option<Layout>) -> Option<Header> {
+pub(crate) fn header(bytes: &[u8], layout: impl Fn(&str, &str) -> Option<(Layout, String)>) -> Option<Header> {
     let HeaderV3 { torno, rig, text, seed, program, boards, lines } = postcard::from_bytes(bytes).ok()?;
     if lines.iter().any(|line| line.from >= boards.len() || line.to >= boards.len()) {
         return None;
     }
-    let today = layout(&rig, &text);
+    let (today, text) = layout(&rig, &text).map_or((None, text), |(layout, text)| (Some(layout), text));
     let alone = |Board { name, kind, description }| {
         let known = today.iter().flat_map(|layout| &layout.boards).find(|board| board.kind == kind);
         let description = description.with(known.map(|board| &board.description));
