@@ -8,6 +8,8 @@ use std::path::Path;
 pub const LENGTH_MAX: u64 = 128 << 20;
 /// The longest line of a text that is read line by line, in bytes.
 const LINE_MAX: u64 = 1 << 20;
+/// The byte-order mark, in UTF-8.
+const MARK: &[u8] = "\u{feff}".as_bytes();
 
 /// Why a text cannot be read.
 #[derive(Debug, thiserror::Error)]
@@ -23,7 +25,7 @@ pub enum TextError {
     },
 }
 
-/// Reads a text file.
+/// Reads a text file. A byte-order mark, with which some programs begin one, is no part of the text.
 ///
 /// # Errors
 /// [`TextError`] if it cannot be read, or is not text, or is longer than [`LENGTH_MAX`].
@@ -36,6 +38,9 @@ fn text(input: impl Read) -> Result<String, TextError> {
     input.take(LENGTH_MAX + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > LENGTH_MAX {
         return Err(too_long(LENGTH_MAX, "text").into());
+    }
+    if bytes.starts_with(MARK) {
+        bytes.drain(..MARK.len());
     }
     String::from_utf8(bytes).map_err(|error| {
         let valid = &error.as_bytes()[..error.utf8_error().valid_up_to()];
@@ -78,6 +83,8 @@ fn too_long(most: u64, what: &str) -> io::Error {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::rig::file::RigFile;
+    use torno_protocol::lathe::Program;
 
     #[test]
     fn what_has_no_end_is_refused() {
@@ -97,5 +104,25 @@ mod tests {
     #[test]
     fn a_line_that_is_no_text_is_named() {
         assert_eq!(text(&b"a\nb\xff"[..]).unwrap_err().to_string(), "line 2: expected text (UTF-8)");
+    }
+
+    #[test]
+    fn a_byte_order_mark_is_no_text() {
+        let folder = tempfile::tempdir().unwrap();
+        let marked = |name: &str, text: &str| {
+            let path = folder.path().join(name);
+            std::fs::write(&path, format!("\u{feff}{text}")).unwrap();
+            let found = read(&path).unwrap();
+            assert_eq!(found, text);
+            found
+        };
+        let frames = "0A E1 00 E1 00 00 00 00\r\n";
+        assert_eq!(Program::parse(&marked("a.frames", frames)).unwrap(), Program::parse(frames).unwrap());
+        let rig = include_str!("../builtin/lathe.toml");
+        assert!(RigFile::parse("a.toml", &marked("a.toml", rig)).is_ok());
+        marked("a.csv", "time_s,input,counts\n");
+        // Only the first is a mark.
+        std::fs::write(folder.path().join("b"), "\u{feff}\u{feff}x").unwrap();
+        assert_eq!(read(&folder.path().join("b")).unwrap(), "\u{feff}x");
     }
 }
