@@ -10,10 +10,14 @@ const NORMAL: f64 = 1.959_964;
 /// So many places in a slot are tried for the encoder to begin at.
 const PHASES: usize = 16;
 
+/// So many changes of the input are looked at one by one, at most: the largest.
+const EDGES: usize = 64;
+
 /// Half of the interval of each parameter that holds the true one in 95 of 100 cases. `path` is what the model gives
 /// for each sample; `jacobian` and `residuals` are those of the fit to it, whitened with this noise or not at all.
 pub(crate) fn half_widths(
     data: &Data,
+    gain: f64,
     noise: &Noise,
     jacobian: &DMatrix<f64>,
     residuals: &DVector<f64>,
@@ -32,6 +36,15 @@ pub(crate) fn half_widths(
         let off = &spread * white.transpose() * noise.whiten(data, &errors).columns;
         for (row, square) in squares.iter_mut().enumerate() {
             *square = square.max(NORMAL * NORMAL * off.row(row).norm_squared() / PHASES as f64);
+        }
+    }
+    if let Some(errors) = edges(data, gain, noise, path) {
+        let off = &spread * white.transpose() * noise.whiten(data, &errors).columns;
+        // What many changes do looks like pushes, and has been counted as such: so readings and changes alone.
+        let still = Noise { slow: 0.0, ..*noise }.whiten(data, jacobian).columns;
+        let still = (still.transpose() * &still).try_inverse()?;
+        for (row, square) in squares.iter_mut().enumerate() {
+            *square = square.max(NORMAL * NORMAL * (still[(row, row)] + off.row(row).norm_squared()));
         }
     }
     let halves = squares.map(|square| libm::sqrt(square.max(0.0)));
@@ -53,6 +66,42 @@ fn rounding(data: &Data, path: &[f64]) -> Option<DMatrix<f64>> {
             let error = libm::floor(position) - position;
             errors[(row, phase)] = (error - before) * slot / length;
             before = error;
+        }
+    }
+    Some(errors)
+}
+
+/// What time stamps that are off by a standard deviation make of speeds, one column for each change of the input: it
+/// came as much earlier or later, and all that follows with it. Readings that are worse than rounded say how far stamps
+/// are off.
+fn edges(data: &Data, gain: f64, noise: &Noise, path: &[f64]) -> Option<DMatrix<f64>> {
+    let excess = noise.reading - Noise::rounding(data);
+    let square = path.iter().map(|speed| speed * speed).sum::<f64>() / path.len() as f64;
+    if data.sensor() != Sensor::Mean || excess <= 1e-6 * noise.reading || square <= 0.0 {
+        return None;
+    }
+    let late = libm::sqrt(excess / square);
+    let first = data.samples()[0].input;
+    let mut before = if data.starts_at_rest() { 0.0 } else { first };
+    let mut changes: Vec<(usize, f64)> = Vec::new();
+    for (row, sample) in data.samples().iter().enumerate() {
+        let change = sample.input - before;
+        changes.extend((change != 0.0).then_some((row, change)));
+        before = sample.input;
+    }
+    let squares = |changes: &[(usize, f64)]| changes.iter().map(|(_, change)| change * change).sum::<f64>();
+    let all = squares(&changes);
+    changes.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
+    changes.truncate(EDGES);
+    // The largest stand for the others.
+    let scale = libm::sqrt(all / squares(&changes));
+    let mut errors = DMatrix::zeros(path.len(), changes.len());
+    for (column, (row, change)) in changes.into_iter().enumerate() {
+        let mut left = gain * change * late * scale;
+        for (row, length) in data.intervals().enumerate().skip(row) {
+            let gone = -left * libm::expm1(-length / noise.tau);
+            errors[(row, column)] = gone / length;
+            left -= gone;
         }
     }
     Some(errors)

@@ -7,6 +7,8 @@ const LEAST: usize = 20;
 /// The largest deviation from even spacing, as a share of it. (Ours.)
 const EVEN: f64 = 0.01;
 
+/// Fewer samples before the motor is driven do not tell what the sensor says then. (Ours.)
+const UNDRIVEN: usize = 4;
 /// With fewer counts in a time constant, there is no telling when in it they came. (Ours.)
 const LEAST_COUNTS: f64 = 3.0;
 
@@ -95,6 +97,11 @@ impl Data {
         self
     }
 
+    /// The same with other samples, as many and at the same times.
+    pub(crate) fn with_samples(&self, samples: Vec<Sample>) -> Self {
+        Self { samples, ..self.clone() }
+    }
+
     /// What the sensor tells.
     pub const fn sensor(&self) -> Sensor {
         self.sensor
@@ -151,6 +158,20 @@ impl Data {
         let begin = self.samples.iter().position(|sample| sample.input != 0.0)?;
         let input = self.samples[begin].input;
         self.samples[begin..].iter().all(|sample| sample.input == input).then_some((input, begin))
+    }
+
+    /// What the sensor says before the motor is driven for the first time: the mean, and half of the interval that holds
+    /// it in 95 of 100 cases. None if that is too short to be told.
+    pub(crate) fn undriven(&self) -> Option<(f64, f64)> {
+        let count = self.samples.iter().take_while(|sample| sample.input == 0.0).count();
+        if count < UNDRIVEN {
+            return None;
+        }
+        let n = count as f64;
+        let speeds = || self.samples[..count].iter().map(|sample| sample.speed);
+        let mean = speeds().sum::<f64>() / n;
+        let squares: f64 = speeds().map(|speed| (speed - mean) * (speed - mean)).sum();
+        Some((mean, 2.0 * libm::sqrt(squares / (n - 1.0) / n)))
     }
 
     /// The middle of each interval, or its end: the instant at which its speed is best said to have been.

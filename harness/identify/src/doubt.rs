@@ -28,14 +28,16 @@ const ROUNDING: f64 = 1.5;
 pub fn of(data: &Data, fitted: &Fitted) -> Vec<Finding> {
     let (gain, tau, start) = (fitted.gain.value, fitted.tau.value, fitted.start);
     let friction = fitted.friction.map_or(0.0, |friction| friction.value);
+    let offset = fitted.offset.map_or(0.0, |offset| offset.value);
     let moved = simulate::run(data, gain, tau, start, friction);
     let residuals =
-        DVector::from_iterator(moved.len(), data.samples().iter().zip(&moved).map(|(a, b)| a.speed - b.seen));
+        DVector::from_iterator(moved.len(), data.samples().iter().zip(&moved).map(|(a, b)| a.speed - b.seen - offset));
     let (_, all) = simulate::with_friction(data, [gain, tau, friction, start], true);
     // Gain, time constant and friction, if the model has it; and the start, unless it was at rest.
     let kept = [true, true, fitted.friction.is_some(), !data.starts_at_rest()];
-    let columns: Vec<DVector<f64>> =
+    let mut columns: Vec<DVector<f64>> =
         (0..4).filter(|column| kept[*column]).map(|column| all.column(column).into_owned()).collect();
+    columns.extend(fitted.offset.map(|_| DVector::from_element(moved.len(), 1.0)));
     let jacobian = DMatrix::from_columns(&columns);
     let late = DVector::from_iterator(
         moved.len(),

@@ -123,6 +123,15 @@ pub enum Finding {
     /// No friction can be told from the data.
     #[error("no friction can be seen: without it, the motor explains the data as well")]
     NoFriction,
+    /// No offset can be told from the data.
+    #[error("no offset can be seen while the motor is not driven")]
+    NoOffset,
+    /// The sensor does not say 0 while the motor stands.
+    #[error("the speed is {offset} while the undriven motor stands: an offset of the sensor, fitted and taken away")]
+    Offset {
+        /// What the sensor says.
+        offset: f64,
+    },
     /// The motor answers late.
     #[error(
         "the response is about {late} s late, or goes through a second lag: a single lag is not this motor, and its \

@@ -69,12 +69,14 @@ pub struct Fitted {
     pub start: f64,
     /// Coulomb friction, in units of input; None if it was not looked for.
     pub friction: Option<Estimate>,
+    /// What the sensor tells too much, in units of speed; None if it was not looked for.
+    pub offset: Option<Estimate>,
 }
 
 impl Fitted {
     /// Without anything said on how sure it is.
     pub const fn bare(gain: f64, tau: f64) -> Self {
-        Self { gain: Estimate::bare(gain), tau: Estimate::bare(tau), start: 0.0, friction: None }
+        Self { gain: Estimate::bare(gain), tau: Estimate::bare(tau), start: 0.0, friction: None, offset: None }
     }
 
     /// The transfer function.

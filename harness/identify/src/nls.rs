@@ -10,7 +10,7 @@ use nalgebra::{DMatrix, DVector, Dyn};
 use crate::confidence::half_widths;
 use crate::noise::Noise;
 use crate::simulate::{self, jacobian, respond};
-use crate::{Data, Estimate, Finding, Fitted};
+use crate::{Data, Estimate, Finding, Fitted, Sensor};
 
 /// Time constants tried to begin with.
 const STARTS: usize = 24;
@@ -27,6 +27,8 @@ const AT_REST: f64 = 0.02;
 const FRICTIONS: [f64; 4] = [0.02, 0.1, 0.3, 0.5];
 /// Friction below this share of the largest input is none. (Ours.)
 const LEAST_FRICTION: f64 = 0.002;
+/// A sensor that is off by a smaller share of the greatest speed is not worth a word. (Ours.)
+const LEAST_OFFSET: f64 = 0.005;
 /// Data of fewer time constants are no ground for a gain. (Ours.)
 const LEAST_PASSED: f64 = 1.0;
 
@@ -51,6 +53,17 @@ pub fn residual_rms(data: &Data, fitted: &Fitted) -> f64 {
     libm::sqrt(left.sum::<f64>() / data.samples().len() as f64)
 }
 
+/// The same, without what readings that are off leave by themselves: of a mean speed, what one reading adds, the next
+/// takes away. No motor does that.
+pub fn fit_beside_readings(data: &Data, fitted: &Fitted) -> f64 {
+    let left: Vec<f64> =
+        data.samples().iter().zip(simulate(data, fitted)).map(|(sample, model)| sample.speed - model).collect();
+    let all: f64 = left.iter().map(|left| left * left).sum();
+    let next: f64 = left.windows(2).map(|pair| pair[0] * pair[1]).sum();
+    let readings = if data.sensor() == Sensor::Mean { (-2.0 * next).clamp(0.0, all) } else { 0.0 };
+    100.0 - (100.0 - fit_percent(data, fitted)) * libm::sqrt(1.0 - readings / all.max(f64::MIN_POSITIVE))
+}
+
 /// Fits gain and time constant; also the speed at the start, unless the motor was at rest.
 ///
 /// # Errors
@@ -60,7 +73,7 @@ pub fn first_order(data: &Data) -> Result<Fitted, Finding> {
 }
 
 /// The same, whatever it means.
-fn unchecked(data: &Data) -> Result<Fitted, Finding> {
+pub(crate) fn unchecked(data: &Data) -> Result<Fitted, Finding> {
     let free_start = !data.starts_at_rest();
     let measured = DVector::from_iterator(data.samples().len(), data.samples().iter().map(|sample| sample.speed));
     // For a given time constant the model is linear in the rest: the best of these is near enough to begin with.
@@ -91,7 +104,7 @@ fn unchecked(data: &Data) -> Result<Fitted, Finding> {
     let (p, halves) = weighed(data, DVector::from_vec(start), &evaluate)?;
     let estimate = |value: f64, place: usize| Estimate { value, half: halves.as_ref().map(|halves| halves[place]) };
     let start = p.get(2).copied().unwrap_or(0.0);
-    Ok(Fitted { gain: estimate(p[0], 0), tau: estimate(libm::exp(p[1]), 1), start, friction: None })
+    Ok(Fitted { gain: estimate(p[0], 0), tau: estimate(libm::exp(p[1]), 1), start, friction: None, offset: None })
 }
 
 /// Fits Coulomb friction besides, of data whose input changes: at one level, friction is a smaller gain.
@@ -138,7 +151,46 @@ pub fn with_friction(data: &Data) -> Result<Fitted, Finding> {
         return Err(Finding::NoFriction);
     }
     let (gain, tau) = (Estimate { value: gain, half: half(0, 1.0) }, Estimate { value: tau, half: half(1, 1.0) });
-    check(data, Fitted { gain, tau, start, friction: Some(friction) })
+    check(data, Fitted { gain, tau, start, friction: Some(friction), offset: None })
+}
+
+/// Fits an offset of the sensor besides, of data that show one while the motor stands and is not driven.
+///
+/// # Errors
+/// [`Finding::NoOffset`] if there is none to be seen; otherwise as [`first_order`].
+pub fn with_offset(data: &Data) -> Result<Fitted, Finding> {
+    let (stands_at, half) = data.undriven().ok_or(Finding::NoOffset)?;
+    let largest = data.samples().iter().map(|sample| sample.speed.abs()).fold(0.0, f64::max);
+    if stands_at.abs() < (LEAST_OFFSET * largest).max(2.0 * half) {
+        return Err(Finding::NoOffset);
+    }
+    let first = unchecked(data)?;
+    let measured = DVector::from_iterator(data.samples().len(), data.samples().iter().map(|sample| sample.speed));
+    let free_start = !data.starts_at_rest();
+    let evaluate = |p: &DVector<f64>| {
+        let tau = libm::exp(p[1]);
+        let response = respond(data, p[0], tau, p.get(3).copied().unwrap_or(0.0));
+        let model = DVector::from_iterator(response.len(), response.iter().map(|row| row[0] + largest * p[2]));
+        let mut jacobian = jacobian(&response, free_start).insert_column(2, largest);
+        jacobian.column_mut(1).scale_mut(tau);
+        (model - &measured, jacobian)
+    };
+    let mut begin = vec![first.gain.value, libm::log(first.tau.value), stands_at / largest];
+    begin.extend(free_start.then_some(0.0));
+    let (p, halves) = weighed(data, DVector::from_vec(begin), &evaluate)?;
+    let estimate = |value: f64, place: usize, unit: f64| Estimate {
+        value: unit * value,
+        half: halves.as_ref().map(|halves| unit * halves[place]),
+    };
+    let offset = estimate(p[2], 2, largest);
+    // A motor that coasts is no sensor that is off: then the offset is not what was seen.
+    let close = |fitted: f64| (offset.value - stands_at).abs() <= 2.0 * (fitted + half) + 1e-6 * largest;
+    if !offset.half.is_some_and(|half| offset.value.abs() > 2.0 * half && close(half)) {
+        return Err(Finding::NoOffset);
+    }
+    let (gain, tau) = (estimate(p[0], 0, 1.0), estimate(libm::exp(p[1]), 1, 1.0));
+    let start = p.get(3).copied().unwrap_or(0.0);
+    check(data, Fitted { gain, tau, start, friction: None, offset: Some(offset) })
 }
 
 /// Least squares, each sample weighed by what it says that is new: the parameters, of which the second is the logarithm
@@ -168,7 +220,8 @@ where
     let noise = noise_at(tau, &residuals, &jacobian);
     jacobian.column_mut(1).unscale_mut(tau);
     let path: Vec<f64> = data.samples().iter().zip(&residuals).map(|(sample, left)| sample.speed + left).collect();
-    Ok((p, half_widths(data, &noise, &jacobian, &residuals, &path)))
+    let halves = half_widths(data, p[0], &noise, &jacobian, &residuals, &path);
+    Ok((p, halves))
 }
 
 /// Whether a fit means anything.
@@ -203,8 +256,8 @@ pub fn begins_at_rest(data: &Data) -> bool {
 /// # Errors
 /// [`Finding::NotThisModel`] if it does not.
 pub fn check_fit(data: &Data, fitted: &Fitted) -> Result<(), Finding> {
-    // What one count hides is not the model's fault.
-    let fit = fit_percent(data, fitted);
+    // What one count or a time stamp hides is not the model's fault.
+    let fit = fit_beside_readings(data, fitted);
     if fit < LEAST_FIT && residual_rms(data, fitted) > data.quantum() {
         return Err(Finding::NotThisModel { fit, expected: "lag of the first order" });
     }

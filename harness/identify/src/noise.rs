@@ -20,7 +20,7 @@ const ROUNDS: usize = 10;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Noise {
     /// The time for which a push is remembered, in s.
-    tau: f64,
+    pub(crate) tau: f64,
     /// The variance of speed, in the long run, that comes of pushes.
     pub(crate) slow: f64,
     /// The variance of a reading: of a position, if the sensor tells the mean speed.
@@ -36,10 +36,10 @@ pub(crate) struct White {
 }
 
 impl Noise {
-    /// What rounding alone makes.
-    fn rounding(data: &Data) -> Option<f64> {
-        let quantum = data.quantum() * data.period();
-        (data.sensor() == Sensor::Mean && quantum > 0.0).then_some(quantum * quantum / 12.0)
+    /// What rounding alone makes, and so the least that the variance of a reading can be.
+    pub(crate) fn rounding(data: &Data) -> f64 {
+        let quantum = if data.sensor() == Sensor::Mean { data.quantum() * data.period() } else { 0.0 };
+        quantum * quantum / 12.0
     }
 
     /// The likeliest noise in what a fit leaves, `residuals`, of a motor with this time constant: what the fit may have
@@ -50,18 +50,18 @@ impl Noise {
         let window = data.period();
         // Beside a reading whose variance is 1.
         let unit = if data.sensor() == Sensor::Mean { 1.0 / (window * window) } else { 1.0 };
-        let known = Self::rounding(data);
+        let least = Self::rounding(data);
         let unlikely = |ratio: f64| {
             let noise = Self { tau, slow: ratio * unit, reading: 1.0, freedom: 0.0 };
-            noise.unlikely(data, &columns, known)
+            noise.unlikely(data, &columns, least)
         };
         let none = unlikely(0.0);
         let power = |power: f64| unlikely(libm::pow(10.0, power));
         let tried = TRIED.map(|n| (n, power(n)));
-        let (middle, least) =
+        let (middle, best) =
             tried.into_iter().fold((0.0, (f64::MAX, 1.0)), |best, new| if new.1.0 < best.1.0 { new } else { best });
         let rest = (residuals.nrows() - jacobian.ncols()) as f64;
-        if none.0 <= least.0 {
+        if none.0 <= best.0 {
             return Self { tau, slow: 0.0, reading: none.1, freedom: rest };
         }
         let golden = 0.618_034;
@@ -91,8 +91,8 @@ impl Noise {
     }
 
     /// How unlikely columns are, the last of which is a residual (minus the logarithm of the likelihood), and the
-    /// variance of a reading; `known` if that is known.
-    fn unlikely(&self, data: &Data, columns: &DMatrix<f64>, known: Option<f64>) -> (f64, f64) {
+    /// likeliest variance of a reading that is not below `least`: time stamps and code wheels are not exact either.
+    fn unlikely(&self, data: &Data, columns: &DMatrix<f64>, least: f64) -> (f64, f64) {
         let White { columns, log } = self.whiten(data, columns);
         let (rows, last) = (columns.nrows(), columns.ncols() - 1);
         let products = columns.transpose() * &columns;
@@ -102,10 +102,8 @@ impl Noise {
         let left = (products[(last, last)] - mixed.dot(&factor.solve(&mixed))).max(f64::MIN_POSITIVE);
         let spread: f64 = factor.l().diagonal().iter().map(|x| libm::log(*x)).sum();
         let freedom = (rows - last) as f64;
-        match known {
-            Some(reading) => (0.5 * (log + left / reading) + spread, reading),
-            None => (0.5 * (log + freedom * libm::log(left)) + spread, left / freedom),
-        }
+        let reading = least.max(left / freedom);
+        (0.5 * (log + freedom * libm::log(reading) + left / reading) + spread, reading)
     }
 
     /// What each row of the columns says that is new, the rows before it known.

@@ -11,7 +11,8 @@ const STEP: f64 = 1e-5;
 pub(crate) fn speeds(data: &Data, fitted: &Fitted) -> Vec<f64> {
     let (gain, tau) = (fitted.gain.value, fitted.tau.value);
     let friction = fitted.friction.map_or(0.0, |friction| friction.value);
-    run(data, gain, tau, fitted.start, friction).into_iter().map(|moved| moved.seen).collect()
+    let offset = fitted.offset.map_or(0.0, |offset| offset.value);
+    run(data, gain, tau, fitted.start, friction).into_iter().map(|moved| moved.seen + offset).collect()
 }
 
 /// What an interval makes.

@@ -4,9 +4,9 @@
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
 mod bench;
 
-use bench::{Axis, Bench, SPINDLE, feed};
+use bench::{Axis, Bench, Flaws, SPINDLE, feed};
 use torno_identify::{
-    Data, Finding, FirstOrder, Fitted, Sample, SecondOrder, arx, doubt, nls, prbs, second_order, step,
+    Data, Finding, FirstOrder, Fitted, Sample, SecondOrder, arx, doubt, nls, prbs, second_order, step, wheel,
 };
 
 const SEEDS: u64 = 100;
@@ -240,4 +240,81 @@ fn a_motor_that_is_a_lag_is_hardly_ever_doubted() {
         doubted += found.len();
     }
     assert!(doubted <= 1, "{doubted} of 240");
+}
+
+/// What real encoders have besides whole counts: time stamps that jitter by 2 ms, or a wheel that is off its centre.
+fn flaws(axis: Axis) -> [(&'static str, Flaws); 3] {
+    let per_rev = per_rev(axis);
+    [
+        ("whole counts", Flaws::default()),
+        ("jitter of 2 ms", Flaws { jitter: 2e-3, ..Flaws::default() }),
+        ("eccentric by 1 %", Flaws { eccentric: 0.01 * per_rev, per_rev, ..Flaws::default() }),
+    ]
+}
+
+fn per_rev(axis: Axis) -> f64 {
+    // 1 rpm is so many counts in a minute.
+    (60.0 * axis.rpm * axis.counts_per_unit).round()
+}
+
+/// Gain and time constant of each seed, for one motor, one encoder and one input; and how many of them were doubted.
+fn real_encoder(
+    axis: Axis,
+    rpm: f64,
+    flaws: Flaws,
+    inputs: impl Fn(u64) -> Vec<f64>,
+    seeds: u64,
+) -> (Vec<Fitted>, usize) {
+    let mut doubted = 0;
+    let fitted = (0..seeds).map(|seed| {
+        let data = Bench::new(axis, rpm, seed).flawed(flaws).counted(&inputs(seed));
+        let centred = wheel::centred(&data, flaws.per_rev / axis.counts_per_unit).filter(|_| flaws.eccentric > 0.0);
+        let data = centred.map_or(data, |(centred, _)| centred);
+        let fitted = nls::first_order(&data).unwrap();
+        doubted += usize::from(!doubt::of(&data, &fitted).is_empty());
+        fitted
+    });
+    (fitted.collect(), doubted)
+}
+
+/// The intervals that held, of all, over all motors, encoders and inputs; in each of them at least `least` must.
+fn real_encoders(seeds: u64, least: usize) -> (usize, usize, usize) {
+    let (mut held, mut all, mut doubts) = (0, 0, 0);
+    for (motor, axis, rpm, [low, high]) in
+        [("spindle", SPINDLE, 6.6, [10.0, 20.0]), ("feed", feed(), 0.72, [-240.0, 237.0])]
+    {
+        for (encoder, flaws) in flaws(axis) {
+            for input in ["step", "PRBS"] {
+                let inputs = |seed| match input {
+                    "step" => vec![high; 667],
+                    _ => sequence(11 * seed, [low, high], 20.0, 20),
+                };
+                let (fitted, doubted) = real_encoder(axis, rpm, flaws, inputs, seeds);
+                let study = Study::of(
+                    &format!("{motor}, {encoder}, {input}: {doubted} doubted"),
+                    axis.model,
+                    fitted.into_iter().map(Ok),
+                );
+                let found = study.held.unwrap();
+                assert!(found.iter().all(|found| *found >= least), "{found:?}");
+                held += found.iter().sum::<usize>();
+                all += 2 * seeds as usize;
+                doubts += doubted;
+            }
+        }
+    }
+    (held, all, doubts)
+}
+
+#[test]
+fn intervals_hold_for_real_encoders() {
+    let (held, all, doubts) = real_encoders(10, 7);
+    assert!(held * 100 >= all * 90 && doubts <= 3, "{held} of {all}, {doubts} doubted");
+}
+
+/// The table of the manual: `cargo test --release -p torno-identify --test accuracy -- --ignored --nocapture`.
+#[test]
+#[ignore = "takes minutes"]
+fn a_hundred_real_encoders() {
+    real_encoders(100, 90);
 }

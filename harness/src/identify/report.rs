@@ -53,11 +53,13 @@ pub enum Method {
     Nls,
     /// The same, with Coulomb friction in the model.
     NlsFriction,
+    /// The same, with an offset of the sensor.
+    NlsOffset,
 }
 
 impl Method {
     /// All, as they are shown.
-    const ALL: [Self; 10] = [
+    const ALL: [Self; 11] = [
         Self::Eq4,
         Self::Eq4Mean,
         Self::LogLinear,
@@ -68,6 +70,7 @@ impl Method {
         Self::ArxIv,
         Self::Nls,
         Self::NlsFriction,
+        Self::NlsOffset,
     ];
 
     const fn words(self) -> &'static str {
@@ -82,6 +85,7 @@ impl Method {
             Self::ArxIv => "ARX, instrumental variables",
             Self::Nls => "non-linear least squares",
             Self::NlsFriction => "non-linear LS, with friction",
+            Self::NlsOffset => "non-linear LS, with offset",
         }
     }
 
@@ -102,9 +106,14 @@ impl Method {
         }
     }
 
+    /// Whether it looks for something that most motors and sensors do not have.
+    const fn is_extra(self) -> bool {
+        matches!(self, Self::NlsFriction | Self::NlsOffset)
+    }
+
     /// Whether its result is worth to be built on.
     const fn is_recommended(self) -> bool {
-        matches!(self, Self::Nls | Self::NlsFriction | Self::ArxIv)
+        matches!(self, Self::Nls | Self::NlsFriction | Self::NlsOffset | Self::ArxIv)
     }
 
     fn apply(self, recording: &Recording) -> Result<(Fitted, Option<SecondOrder>), Finding> {
@@ -125,6 +134,7 @@ impl Method {
             Self::ArxIv => arx::instrumental_variables(data),
             Self::Nls => nls::first_order(data),
             Self::NlsFriction => nls::with_friction(data),
+            Self::NlsOffset => nls::with_offset(data),
             Self::PeakSettling | Self::PeakOvershoot | Self::ClosedNls => {
                 let closed = closed()?;
                 let FirstOrder { gain, tau } = closed.open_loop();
@@ -166,6 +176,12 @@ pub struct Row {
     /// Where it is in 95 of 100 cases.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub friction_interval: Option<[f64; 2]>,
+    /// What the sensor tells too much, in units of speed, if the method looks for it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub offset: Option<f64>,
+    /// Where it is in 95 of 100 cases.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub offset_interval: Option<[f64; 2]>,
     /// What speaks against the model; then there are no intervals, as they are those of another motor.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub doubts: Vec<String>,
@@ -187,10 +203,13 @@ impl Row {
             Err(_) => (None, None),
         };
         let asked = fitted.as_ref().filter(|_| method.is_recommended());
-        let doubts = asked.map_or(Vec::new(), |fitted| doubt::of(&recording.data, fitted));
+        let mut doubts = asked.map_or(Vec::new(), |fitted| doubt::of(&recording.data, fitted));
         if let Some(fitted) = fitted.as_mut().filter(|_| !doubts.is_empty()) {
             (fitted.gain.half, fitted.tau.half) = (None, None);
         }
+        // The intervals are right even so: the model has the offset.
+        let offset = fitted.as_ref().and_then(|fitted| fitted.offset);
+        doubts.extend(offset.map(|offset| Finding::Offset { offset: four_digits(offset.value) }));
         let of = |number: fn(&Fitted) -> Estimate| fitted.as_ref().map(number);
         let (gain, tau) = (of(|fitted| fitted.gain), of(|fitted| fitted.tau));
         let friction = fitted.as_ref().and_then(|fitted| fitted.friction);
@@ -207,6 +226,8 @@ impl Row {
             residual_rms: fitted.as_ref().map(|fitted| nls::residual_rms(&recording.data, fitted)),
             friction: friction.map(|friction| friction.value),
             friction_interval: friction.and_then(|friction| friction.interval()),
+            offset: offset.map(|offset| offset.value),
+            offset_interval: offset.and_then(|offset| offset.interval()),
             doubts: doubts.iter().map(Finding::to_string).collect(),
             finding: result.err().map(|finding| finding.to_string()),
             fitted,
@@ -243,11 +264,26 @@ fn doubt_what_lacks_friction(runs: &mut [Run]) {
     }
 }
 
+/// Where the sensor is off, models without that take it for gain.
+fn doubt_what_lacks_offset(runs: &mut [Run]) {
+    for run in runs {
+        let Some(offset) = run.methods.iter().find_map(|row| row.offset) else { continue };
+        for row in run.methods.iter_mut().filter(|row| row.recommended && row.offset.is_none()) {
+            row.doubt(format!(
+                "an offset of {} shows while the motor stands, and is not in this model",
+                digits(offset)
+            ));
+        }
+    }
+}
+
 /// Two results that cannot both be right, in words: the two that are furthest apart.
 fn contradiction<'a>(rows: impl Iterator<Item = (&'a Run, &'a Row)>, units: &Units) -> Option<String> {
     let mut rows: Vec<(&Run, &Row)> = rows.filter(|(_, row)| row.recommended && row.fitted.is_some()).collect();
     if rows.iter().any(|(_, row)| row.doubts.is_empty()) {
         rows.retain(|(_, row)| row.doubts.is_empty());
+    } else if rows.iter().any(|(_, row)| row.offset.is_some()) {
+        rows.retain(|(_, row)| row.offset.is_some());
     }
     let pairs = (0..rows.len()).flat_map(|a| (a + 1..rows.len()).map(move |b| (a, b)));
     let apart = |a: Estimate, b: Estimate| {
@@ -304,6 +340,9 @@ pub struct Identification {
     pub period_s: f64,
     /// Its position is what matters, not its speed.
     pub axis: bool,
+    /// What was taken for granted, or out of the data.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub notes: Vec<String>,
     /// What is to be built on.
     pub result: Outcome,
     /// Everything that was tried.
@@ -365,6 +404,7 @@ impl Identification {
         let mut runs: Vec<Run> = recordings.into_iter().map(|recording| Run::of(recording, only)).collect();
         runs.retain(|run| !run.methods.is_empty() || run.finding.is_some());
         doubt_what_lacks_friction(&mut runs);
+        doubt_what_lacks_offset(&mut runs);
         let rows = || runs.iter().flat_map(|run| run.methods.iter().map(move |row| (run, row)));
         let worthy = rows().filter(|(_, row)| row.fitted.is_some() && (only.is_some() || row.recommended));
         let best = worthy.min_by(|(_, a), (_, b)| a.rank().partial_cmp(&b.rank()).unwrap_or(Ordering::Equal));
@@ -373,8 +413,14 @@ impl Identification {
                 let finding = row.finding.as_ref().filter(|_| only.is_some() || row.method.is_recommended())?;
                 Some(format!("{}: {}: {finding}", run.input, row.method.words()))
             });
+            // What the others found is no result, but it helps to see what is wrong.
+            let others = rows().filter_map(|(run, row)| {
+                let (gain, tau) = (digits(row.gain?), digits(row.tau_s?));
+                let words = row.method.words();
+                Some(format!("{}: not to be relied on: {words}: gain {gain}, tau {tau} s", run.input))
+            });
             let useless = runs.iter().filter_map(|run| Some(format!("{}: {}", run.input, run.finding.as_ref()?)));
-            let findings: Vec<String> = useless.chain(findings).collect();
+            let findings: Vec<String> = useless.chain(findings).chain(others).collect();
             return Err(match (findings.is_empty(), only) {
                 (true, Some(only)) => format!("{} cannot be used on such data", only.words()),
                 _ if findings.len() == 1 => findings.concat(),
@@ -389,7 +435,8 @@ impl Identification {
         let agreed = contradiction.is_none();
         warnings.extend(contradiction);
         let seen = run.recording.as_ref().map_or(0.0, |recording| recording.data.quantum());
-        let fit = fit_percent.unwrap_or_default();
+        let beside = |recording: &Recording| nls::fit_beside_readings(&recording.data, fitted);
+        let fit = run.recording.as_ref().map_or(0.0, beside);
         if doubts.is_empty() && fit < POOR && best.residual_rms.is_some_and(|left| left > 2.0 * seen) {
             warnings.push(format!("the model explains {fit:.0} % of the response only: do not build on it"));
         }
@@ -415,7 +462,7 @@ impl Identification {
             warnings,
             model,
         };
-        Ok(Self { subject, units, period_s, axis, result, runs })
+        Ok(Self { subject, units, period_s, axis, notes: Vec::new(), result, runs })
     }
 
     /// The data of the run that is built on, with its model and the paper's over it, and the input below.
@@ -484,6 +531,9 @@ impl fmt::Display for Identification {
             writeln!(text, "{:<9}{}", "friction", estimate(friction, self.result.friction_interval, input_unit))?;
         }
         writeln!(text, "{:<9}{fit_percent:.1} % of the response; {}, {input}", "fit", method.words())?;
+        for note in &self.notes {
+            writeln!(text, "{:<9}{note}", "note")?;
+        }
         for warning in &self.result.warnings {
             writeln!(text, "{warn}{:<9}{warning}{warn:#}", "warning")?;
         }
@@ -520,7 +570,7 @@ impl Run {
         let methods = wanted.filter(|method| method.fits(&recording.data, closed));
         let methods = methods.map(|method| Row::of(method, &recording));
         // Most motors have none: there is nothing to be told of that.
-        let methods = methods.filter(|row| only.is_some() || row.method != Method::NlsFriction || row.fitted.is_some());
+        let methods = methods.filter(|row| only.is_some() || !row.method.is_extra() || row.fitted.is_some());
         let methods = methods.collect();
         Self {
             input: recording.what.clone(),
@@ -558,6 +608,9 @@ impl Row {
         }
         if let Some(friction) = self.friction {
             write!(text, "   friction {}", digits(friction))?;
+        }
+        if let Some(offset) = self.offset {
+            write!(text, "   offset {}", digits(offset))?;
         }
         writeln!(text, "{warn:#}")?;
         self.doubts.iter().try_for_each(|doubt| writeln!(text, "    {warn}{doubt}{warn:#}"))
@@ -622,6 +675,11 @@ pub(super) fn digits(number: f64) -> String {
     let before = libm::floor(libm::log(number.abs()) / core::f64::consts::LN_10) as i32 + 1;
     let after = (5 - before).clamp(0, 12) as usize;
     format!("{number:.after$}")
+}
+
+/// As many as a person reads.
+fn four_digits(number: f64) -> f64 {
+    format!("{number:.3e}").parse().unwrap_or(number)
 }
 
 /// Without digits that say nothing.

@@ -41,6 +41,18 @@ pub(crate) struct Bench {
     speed: f64,
     /// In counts.
     position: f64,
+    flaws: Flaws,
+}
+
+/// What an encoder and its clock have besides whole counts.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Flaws {
+    /// The deviation of the time stamps, in s.
+    pub(crate) jitter: f64,
+    /// By how many counts the code wheel is off, at most, as it is not centred.
+    pub(crate) eccentric: f64,
+    /// Counts in its revolution.
+    pub(crate) per_rev: f64,
 }
 
 impl Bench {
@@ -51,7 +63,21 @@ impl Bench {
         let kept = libm::exp(-WINDOW / PIECES as f64 / axis.model.tau);
         // A white torque, through the motor's own lag.
         let push = rpm * axis.rpm * ((1.0 + kept) / (1.0 - kept)).sqrt();
-        Self { axis, push, random, speed: 0.0, position }
+        Self { axis, push, random, speed: 0.0, position, flaws: Flaws::default() }
+    }
+
+    /// The same with an encoder that has these flaws, the wheel turned anyhow.
+    pub(crate) fn flawed(mut self, flaws: Flaws) -> Self {
+        self.position += (flaws.per_rev * uniform(&mut self.random)).floor();
+        self.flaws = flaws;
+        self
+    }
+
+    /// What the encoder has counted.
+    fn count(&self) -> f64 {
+        let Flaws { eccentric, per_rev, .. } = self.flaws;
+        let turned = if eccentric > 0.0 { libm::sin(core::f64::consts::TAU * self.position / per_rev) } else { 0.0 };
+        (self.position + eccentric * turned).floor()
     }
 
     /// Lets so many seconds pass, in pieces; exact.
@@ -71,13 +97,23 @@ impl Bench {
     pub(crate) fn counted(&mut self, inputs: &[f64]) -> Data {
         let quantum = 1.0 / (self.axis.counts_per_unit * WINDOW);
         let mut samples = Vec::new();
+        let start = self.stamp(0.0);
+        let mut before = start;
         for (n, input) in (1..).zip(inputs) {
-            let before = self.position.floor();
+            let count = self.count();
             self.pass(*input, WINDOW, PIECES);
-            let counts = self.position.floor() - before;
-            samples.push(Sample { time: WINDOW * f64::from(n), input: *input, speed: counts * quantum });
+            let counts = self.count() - count;
+            let time = self.stamp(WINDOW * f64::from(n));
+            let length = if self.flaws.jitter > 0.0 { time - before } else { WINDOW };
+            before = time;
+            samples.push(Sample { time, input: *input, speed: counts * quantum * WINDOW / length });
         }
-        Data::new(Sensor::Mean, 0.0, samples, quantum).unwrap()
+        Data::new(Sensor::Mean, start, samples, quantum).unwrap()
+    }
+
+    /// What the clock says at a time.
+    fn stamp(&mut self, time: f64) -> f64 {
+        if self.flaws.jitter > 0.0 { time + self.flaws.jitter * normal(&mut self.random) } else { time }
     }
 
     /// The position in a loop with a drive of `gain` whole LSB per count of error, for a step of so many counts.
