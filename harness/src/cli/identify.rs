@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::Context;
 use torno::identify::bench::{Excitation, Plan, Recording, Subject};
-use torno::identify::csv::{self, Measured};
+use torno::identify::csv::{self, Encoder, Measured};
 use torno::identify::{Identification, Method, Units};
 use torno::rig::file::{DEFAULT, RigFile};
 use torno_plot::Colours;
@@ -53,13 +53,16 @@ pub(super) struct Source {
     /// Sets what the rig file could say: BOARD.TABLE.FIELD, BOARD.clock_ppm or pc.FIELD (may be given several times)
     #[arg(long, value_name = "PLACE=VALUE", conflicts_with = "from")]
     set: Vec<String>,
-    /// Takes data of a real motor: columns time_s, input (held to the next row), and counts (since the row before),
-    /// position (counted on) or speed (at that time); a unit may follow: input_v, speed_rpm
+    /// Takes data of a real motor: columns time_s (or _ms), input (held to the next row), and counts (since the row
+    /// before), position (counted on, or position_rad) or speed (at that time); a unit may follow: input_v, speed_rpm
     #[arg(long, value_name = "FILE.csv")]
     from: Option<PathBuf>,
     /// Counts of the encoder in a revolution, so that speed is in rad/s instead of counts/s
     #[arg(long, value_name = "N", requires = "from", value_parser = positive)]
     counts_per_rev: Option<f64>,
+    /// Unwraps the encoder's counter, which has so many bits: 8 or 16, as a rule
+    #[arg(long, value_name = "BITS", requires = "from", value_parser = clap::value_parser!(u32).range(4..=32))]
+    unwrap: Option<u32>,
 }
 
 fn positive(text: &str) -> Result<f64, String> {
@@ -86,12 +89,14 @@ impl Source {
     }
 
     fn read_file(&self, path: &Path, method: Option<Method>) -> anyhow::Result<Identified> {
-        let Measured { data, units, axis } = csv::read(path, self.counts_per_rev)?;
+        let encoder = Encoder { counts_per_rev: self.counts_per_rev, bits: self.unwrap };
+        let Measured { data, units, axis, notes } = csv::read(path, &encoder)?;
         let subject = path.display().to_string();
         let what = format!("{:.3} s of data", data.seconds());
         let recordings = vec![Ok(Recording { data, closed: None, what })];
         let identification = Identification::of(subject.clone(), units, axis, recordings, method);
-        let identification = identification.map_err(anyhow::Error::msg).context(subject)?;
+        let mut identification = identification.map_err(anyhow::Error::msg).context(subject)?;
+        identification.notes = notes;
         Ok(Identified { identification, on_rig: None })
     }
 
