@@ -249,6 +249,9 @@ fn gains_that_make_the_loop_unstable_are_found_to_do_so() {
     let found = text(&["tune", &path, "transverse"]);
     let expected = "as it is: the loop is unstable: largest pole 1.";
     assert!(found.contains(expected), "{found}");
+    // The paper's own loop is proportional; an integral that does nothing makes it no worse.
+    let found = text(&["tune", "transverse", "--set", "transverse.controller.k2=0"]);
+    assert!(!found.contains("unstable"), "{found}");
     assert!(complaint(&["tune", "spindle", "--phase-margin", "5"]).contains("expected 10 to 90"));
 }
 

@@ -62,6 +62,11 @@ impl Pid {
     /// The PID and the axis.
     pub fn open_loop(&self, model: &FirstOrder, period: f64) -> Discrete {
         let d = self.k3 / period;
+        if self.k2 == 0.0 {
+            // An integral that has no part in the drive is no pole of the loop.
+            let (numerator, denominator) = (Polynomial(vec![self.k1 + d, -d]), Polynomial(vec![1.0, 0.0]));
+            return Discrete { numerator, denominator, period }.times(&Discrete::position(model, period));
+        }
         let numerator = vec![self.k1 + self.k2 * period + d, -self.k1 - 2.0 * d, d];
         let denominator = Polynomial(vec![1.0, -1.0, 0.0]);
         let pid = Discrete { numerator: Polynomial(numerator), denominator, period };
@@ -114,6 +119,31 @@ mod tests {
                 (0..).zip(open.closed().step(2_000)).map(|(n, y)| (0.030 * f64::from(n), y)).collect();
             let step = crate::response::of_step(&points, 0.0, 1.0).unwrap();
             assert!(step.rise < 1.0 && step.settling < 20.0, "{wanted}: {step:?}");
+        }
+    }
+
+    /// P, PI, PD and PID: by the decay of the difference equations themselves, and with too much gain.
+    #[test]
+    fn each_part_may_be_missing() {
+        let (period, kept) = (0.030, libm::exp(-0.030 / AXIS.tau));
+        for (k2, k3) in [(0.0, 0.0), (0.1, 0.0), (0.0, 0.27), (0.5, 0.27)] {
+            for (k1, stable) in [(0.5, true), (30.0, false)] {
+                let pid = Pid { k1, k2, k3 };
+                let open = pid.open_loop(&AXIS, period);
+                assert_eq!(check_stable(&open).is_ok(), stable, "{pid:?}");
+                // The axis from 1 to 0, sample by sample.
+                let (mut position, mut speed, mut integral, mut before) = (1.0, 0.0, 0.0, -1.0);
+                for _ in 0..4_000 {
+                    let error = -position;
+                    integral += period * error;
+                    let drive = k1 * error + k2 * integral + k3 / period * (error - before);
+                    before = error;
+                    let end = AXIS.gain * drive;
+                    position += end * period + (speed - end) * AXIS.tau * (1.0 - kept);
+                    speed = end + (speed - end) * kept;
+                }
+                assert_eq!(position.abs() < 1e-3, stable, "{pid:?}: {position}");
+            }
         }
     }
 
