@@ -160,8 +160,8 @@ impl Data {
         self.samples[begin..].iter().all(|sample| sample.input == input).then_some((input, begin))
     }
 
-    /// What the sensor says before the motor is driven for the first time: the mean, and half of the interval that holds
-    /// it in 95 of 100 cases. None if that is too short to be told.
+    /// What the sensor says before the motor is driven for the first time: the mean, and half of the interval that
+    /// holds it in 95 of 100 cases. None if that is too short to be told.
     pub(crate) fn undriven(&self) -> Option<(f64, f64)> {
         let count = self.samples.iter().take_while(|sample| sample.input == 0.0).count();
         if count < UNDRIVEN {

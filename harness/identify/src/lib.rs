@@ -2,9 +2,9 @@
 //!
 //! What a motor was driven with and what its encoder counted are [`Data`]. The paper's methods are in [`step`] (Eq. 4,
 //! main motor) and [`second_order`] (Eq. 8 to 10, transverse motor); [`nls`] and [`arx`] are those that do better on
-//! an encoder's whole counts. [`wheel`] takes the error of an
-//! encoder's code wheel out of them. [`doubt`] asks of a fit whether the motor is what it was taken for. [`discrete`] is the
-//! way from s to z, [`design`] the way from there to a controller, [`response`] what it will do.
+//! an encoder's whole counts. [`wheel`] takes the error of its code wheel out of them. [`doubt`] asks of a fit whether
+//! the motor is what it was taken for. [`discrete`] is the way from s to z, [`design`] the way from there to a
+//! controller, [`response`] what it will do.
 //!
 //! Source: Peña & Martínez, "Sistema electrónico de control de un torno CNC didáctico" (2009). Its authors wished for
 //! an automatic characterisation (§5) and do not say how; what is not theirs is marked "(Ours.)".

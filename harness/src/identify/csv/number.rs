@@ -1,7 +1,7 @@
 //! Numbers as spreadsheets write them: the decimal mark is a point or a comma, and the other may part thousands.
 //!
-//! `1.234` is 1.234 or 1234. Other numbers of the column tell which, or else those of other columns; where nothing does,
-//! the column is refused.
+//! `1.234` is 1.234 or 1234. Other numbers of the column tell which, or else those of other columns; where nothing
+//! does, the column is refused.
 
 use torno_text::Complaint;
 

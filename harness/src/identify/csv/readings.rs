@@ -47,12 +47,8 @@ pub(super) fn unwrap(rows: &mut [[f64; 3]], output: Output, bits: u32) -> Result
     for (place, row) in rows.iter_mut().enumerate() {
         let moved = folded(if output == Output::Counts { row[2] } else { row[2] - before }, range);
         if moved.abs() > TOO_FAR * range {
-            return Err((
-                place,
-                format!(
-                    "moves by {moved} of {range} from the row before: a counter of {bits} bits cannot tell in which direction"
-                ),
-            ));
+            let unclear = format!("a counter of {bits} bits cannot tell in which direction");
+            return Err((place, format!("moves by {moved} of {range} from the row before: {unclear}")));
         }
         before = row[2];
         sum += moved;
@@ -180,16 +176,9 @@ impl Readings<'_> {
         let usual = (place.checked_sub(1).or(Some(place + 1)))
             .and_then(|other| rates.get(other))
             .map_or(0.0, |rate| rate * (self.rows[place + 1][0] - self.rows[place][0]));
-        Some((
-            place + 1,
-            format!(
-                "the position jumps by {} (from {} to {}), where {} is usual: no motor does this; was the counter reset? take the rows before or after",
-                short(to - from),
-                short(from),
-                short(to),
-                short(usual)
-            ),
-        ))
+        let jump = format!("the position jumps by {} (from {} to {})", short(to - from), short(from), short(to));
+        let advice = "no motor does this; was the counter reset? take the rows before or after";
+        Some((place + 1, format!("{jump}, where {} is usual: {advice}", short(usual))))
     }
 
     /// How far a row is from the line between its neighbours.
