@@ -18,12 +18,12 @@ pub(super) fn spelled_out(text: &str) -> Option<String> {
     let feed: Table = toml::from_str(FEED).ok()?;
     for board in rig.get_mut("board")?.as_array_mut()? {
         let board = board.as_table_mut()?;
-        let axis = match board.get("kind").and_then(Value::as_str) {
-            Some("transverse") => Some(board),
-            Some("dspic") => table_in(board, "transverse"),
-            _ => None,
+        let axis: &[&str] = match board.get("kind").and_then(Value::as_str) {
+            Some("transverse") => &["settings", "controller"],
+            Some("dspic") => &["settings", "transverse", "controller"],
+            _ => continue,
         };
-        let Some(controller) = axis.and_then(|axis| table_in(axis, "controller")) else { continue };
+        let controller = axis.iter().try_fold(board, |table, name| table_in(table, name))?;
         for (setting, value) in &feed {
             controller.entry(setting).or_insert_with(|| value.clone());
         }
@@ -41,12 +41,12 @@ mod tests {
 
     #[test]
     fn what_a_text_says_itself_holds() {
-        let text = "[[board]]\nkind = 'transverse'\n[board.controller]\nk2 = 2\n[[board]]\nkind = 'dspic'\n";
+        let text = "[[board]]\nkind = 'transverse'\n[board.settings.controller]\nk2 = 2\n[[board]]\nkind = 'dspic'\n";
         let rig: Table = toml::from_str(&spelled_out(text).unwrap()).unwrap();
         let boards = rig["board"].as_array().unwrap();
-        assert_eq!(boards[0]["controller"]["k2"].as_integer(), Some(2));
-        assert_eq!(boards[0]["controller"]["judged_by"].as_str(), Some("time"));
-        assert_eq!(boards[1]["transverse"]["controller"]["k2"].as_float(), Some(0.5));
+        assert_eq!(boards[0]["settings"]["controller"]["k2"].as_integer(), Some(2));
+        assert_eq!(boards[0]["settings"]["controller"]["judged_by"].as_str(), Some("time"));
+        assert_eq!(boards[1]["settings"]["transverse"]["controller"]["k2"].as_float(), Some(0.5));
         assert_eq!(spelled_out("no rig"), None);
     }
 }
