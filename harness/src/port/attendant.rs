@@ -25,7 +25,7 @@ const MOST: usize = 1 << 16;
 /// So often the port is looked at in a row, if there is always something new.
 const AT_ONCE: usize = 16;
 
-/// When `/proc` has said something else than the notices, it is asked again after this.
+/// When the kernel has said that nobody is there, it is asked again after this.
 const ASKED_AGAIN: Duration = Duration::from_millis(2);
 
 /// The port as it is attended to.
@@ -89,6 +89,9 @@ impl Desk {
     pub(super) fn write(&mut self, bytes: &[u8]) -> usize {
         // A failure here comes again at the next event.
         let _ = self.attend();
+        if self.clients.is_unsure() {
+            let _ = self.ask_again();
+        }
         if self.clients.nobody() { 0 } else { bytes.len() - self.pty.write(bytes) }
     }
 
@@ -136,7 +139,7 @@ impl Desk {
         Ok(true)
     }
 
-    /// Makes sure whether anybody is there.
+    /// Makes sure that nobody is there.
     fn ask_again(&mut self) -> io::Result<bool> {
         self.clients.ask_again();
         self.attend()
@@ -146,7 +149,7 @@ impl Desk {
     /// neither its replies nor its stops.
     fn notice_clients(&mut self) -> io::Result<()> {
         let known = self.clients.changes().len();
-        if self.clients.look(&self.pty)? {
+        if self.clients.look(&mut self.pty)? {
             if self.clients.nobody() {
                 self.pty.clear_exclusive()?;
             }
@@ -171,8 +174,8 @@ impl Desk {
         self.queue.retain(|event| *event != PortEvent::Began);
     }
 
-    /// Takes what the client has done, at most `room` bytes, or `most` of which the speed would be lost. Says whether it
-    /// has written.
+    /// Takes what the client has done, at most `room` bytes, or `most` of which the speed would be lost.
+    /// Says whether it has written.
     fn listen(&mut self, room: usize, most: usize) -> io::Result<bool> {
         let mut wrote = false;
         for said in self.pty.look(room, most.max(room))? {

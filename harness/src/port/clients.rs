@@ -2,13 +2,14 @@
 //!
 //! Only the port's own device is watched. inotify merges a notice into the one before it if both are equal and the
 //! older is unread: two opens in a row count as one, and the first close then looks like the last. If the queue is
-//! full, notices are lost. So the count is a guess, and after each close `/proc` is asked whether anybody is there.
+//! full, notices are lost. So the count is a guess, and after each close the kernel is asked whether anybody is there:
+//! without the port's own slave descriptor, a pty that nobody has open tells its master side that it is hung up.
 //!
-//! Without root's rights `/proc` does not show what root has open. Such a client counts as gone when another one closes
-//! the port, until it writes.
+//! That descriptor is closed and opened again for this, which gives two notices. A client that opens in these few
+//! microseconds goes unnoticed. So a kernel that says "nobody" is asked once more, a little later.
 //!
-//! There is another way to ask: a pty that nobody has open tells its master side that it is hung up. But the port would
-//! have to close its own slave descriptor for this, and could not open it again if a client set exclusive mode then.
+//! If a client takes the port for itself (`TIOCEXCL`), the port could not open it again, unless it is privileged. Such
+//! a client also lets nobody in whose notices could be merged. So once there has been one, the guess has to do.
 
 use std::collections::VecDeque;
 use std::io;
@@ -18,8 +19,12 @@ use std::path::Path;
 use rustix::fd::OwnedFd;
 use rustix::fs::inotify::{self, CreateFlags, ReadFlags, Reader, WatchFlags};
 use rustix::io::Errno;
+use rustix::thread::{CapabilitySet, capabilities};
 
 use super::pty::Pty;
+
+/// So often the kernel is asked in a row, if clients come and go as fast: the next look goes on.
+const ASKED: usize = 4;
 
 /// What became of the port's clients as a whole.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,15 +38,28 @@ pub(super) enum Change {
 #[derive(Debug)]
 pub(super) struct Clients {
     notices: OwnedFd,
-    /// As the notices say: `/proc` says whether it is 0.
+    /// As the notices say: the kernel says whether it is 0.
     count: u32,
     changes: VecDeque<Change>,
-    /// Whether somebody has closed the port, or notices were lost, since `/proc` was asked.
+    /// Whether somebody has closed the port, or notices were lost, since the kernel was asked.
     doubtful: bool,
-    /// Whether it is to be asked once more.
+    /// Whether notices were lost.
+    lost: bool,
+    /// Whether a client has ever taken the port for itself, and kept others out.
+    exclusive: bool,
+    /// Whether that does not keep this process out.
+    privileged: bool,
+    /// Whether the kernel is to be asked once more.
     unsure: bool,
     /// Whether it is asked once more.
     again: bool,
+}
+
+/// Notices of the port's own descriptor, which are not to be counted.
+#[derive(Default)]
+struct Own {
+    opened: bool,
+    closed: bool,
 }
 
 impl Clients {
@@ -49,7 +67,10 @@ impl Clients {
     pub(super) fn watch(slave: &Path) -> io::Result<Clients> {
         let notices = inotify::init(CreateFlags::NONBLOCK | CreateFlags::CLOEXEC)?;
         inotify::add_watch(&notices, slave, WatchFlags::OPEN | WatchFlags::CLOSE)?;
-        Ok(Clients { notices, count: 0, changes: VecDeque::new(), doubtful: false, unsure: false, again: false })
+        let privileged = capabilities(None).is_ok_and(|sets| sets.effective.contains(CapabilitySet::SYS_ADMIN));
+        let (count, changes) = (0, VecDeque::new());
+        let (doubtful, lost, exclusive, unsure, again) = (false, false, false, false, false);
+        Ok(Clients { notices, count, changes, doubtful, lost, exclusive, privileged, unsure, again })
     }
 
     /// Can be read when [`look`](Clients::look) may find something new.
@@ -58,36 +79,56 @@ impl Clients {
     }
 
     /// Takes in what has happened up to now. True if the last client closed meanwhile, even if the next is there.
-    pub(super) fn look(&mut self, pty: &Pty) -> io::Result<bool> {
+    pub(super) fn look(&mut self, pty: &mut Pty) -> io::Result<bool> {
         let known = self.changes.len();
         let again = core::mem::take(&mut self.again);
-        self.read_notices()?;
-        // Who has the port for itself lets nobody else in, so the guess is good, and the next has not to wait.
-        if core::mem::take(&mut self.doubtful) && !(self.count == 0 && pty.is_exclusive()?) {
-            self.correct(pty.is_held(), known, again);
+        for _ in 0..ASKED {
+            self.read_notices(&mut Own::default())?;
+            let exclusive = pty.is_exclusive()?;
+            self.exclusive |= exclusive && !self.privileged;
+            let lost = core::mem::take(&mut self.lost);
+            if !core::mem::take(&mut self.doubtful) || (self.exclusive && !lost) {
+                break;
+            }
+            self.unsure = !again;
+            if exclusive {
+                pty.clear_exclusive()?;
+            }
+            self.ask(pty, known)?;
+            if exclusive && self.count > 0 {
+                pty.make_exclusive()?;
+            }
         }
         Ok(self.changes.range(known..).any(|change| *change == Change::LastClosed))
     }
 
-    /// Somebody has the port open, or nobody, if that is known. `known` of the changes are certain.
-    fn correct(&mut self, held: Option<bool>, known: usize, again: bool) {
-        let Some(held) = held.filter(|held| *held != (self.count > 0)) else { return };
-        // A process that is being started has a copy of everything until it runs its program.
-        self.unsure = !again;
-        if !held {
+    /// Asks the kernel whether anybody has the port open. `known` of the changes are certain.
+    fn ask(&mut self, pty: &mut Pty, known: usize) -> io::Result<()> {
+        pty.let_go();
+        let mut own = Own { closed: true, opened: false };
+        self.read_notices(&mut own)?;
+        // After that: what the notice of another close was merged into is part of the answer.
+        let nobody = pty.is_hung_up()?;
+        // A process that is being started has a copy until it runs its program; then the notice comes.
+        let unclear = own.closed && !nobody;
+        let opened = pty.take_up()?;
+        if unclear {
+            // The guess holds until then.
+        } else if nobody && self.count > 0 {
             self.count = 0;
             self.changes.push_back(Change::LastClosed);
-            return;
+        } else if !nobody && self.count == 0 {
+            self.count = 1;
+            if self.changes.len() > known && self.changes.back() == Some(&Change::LastClosed) {
+                self.changes.pop_back();
+            } else {
+                self.changes.push_back(Change::FirstOpened);
+            }
         }
-        self.count = 1;
-        if self.changes.len() > known && self.changes.back() == Some(&Change::LastClosed) {
-            self.changes.pop_back();
-        } else {
-            self.changes.push_back(Change::FirstOpened);
-        }
+        self.read_notices(&mut Own { closed: false, opened })
     }
 
-    fn read_notices(&mut self) -> io::Result<()> {
+    fn read_notices(&mut self, own: &mut Own) -> io::Result<()> {
         let mut buffer = [MaybeUninit::uninit(); 4096];
         let mut reader = Reader::new(&self.notices, &mut buffer);
         let mut notices = Vec::new();
@@ -101,9 +142,12 @@ impl Clients {
         }
         for events in notices {
             if events.contains(ReadFlags::QUEUE_OVERFLOW) {
-                self.doubtful = true;
+                (self.doubtful, self.lost) = (true, true);
             } else if events.contains(ReadFlags::OPEN) {
-                self.open();
+                if !core::mem::take(&mut own.opened) {
+                    self.open();
+                }
+            } else if events.contains(ReadFlags::CLOSE_WRITE) && core::mem::take(&mut own.closed) {
             } else if events.intersects(ReadFlags::CLOSE_WRITE | ReadFlags::CLOSE_NOWRITE) {
                 self.doubtful = true;
                 if self.count > 0 {
@@ -131,14 +175,14 @@ impl Clients {
         }
     }
 
-    /// Whether `/proc` is to be [asked once more](Clients::ask_again) whether anybody is there.
+    /// Whether the kernel is to be [asked once more](Clients::ask_again) whether anybody is there.
     pub(super) fn is_unsure(&self) -> bool {
-        self.unsure
+        self.unsure && self.count == 0
     }
 
     /// Asks it, with the next look.
     pub(super) fn ask_again(&mut self) {
-        (self.doubtful, self.again, self.unsure) = (true, true, false);
+        (self.doubtful, self.again) = (true, true);
     }
 
     /// Whether nobody has the port open.

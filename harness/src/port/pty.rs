@@ -1,12 +1,11 @@
 //! The pair itself: its master side in packet mode, and one slave descriptor kept open.
 
 use std::ffi::{OsStr, c_int};
-use std::fs as files;
 use std::io;
-use std::os::fd::{AsRawFd, RawFd};
 use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fd::{AsFd, OwnedFd};
 use rustix::fs::{self, Gid, Mode, OFlags, Uid};
 use rustix::io::{Errno, ioctl_fionbio, ioctl_fionread, retry_on_intr};
@@ -14,7 +13,7 @@ use rustix::ioctl::{Getter, Opcode, Setter, ioctl};
 use rustix::process::geteuid;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{
-    self, Action, ControlModes, InputModes, OptionalActions, QueueSelector, Termios, ioctl_tiocnxcl,
+    self, Action, ControlModes, InputModes, OptionalActions, QueueSelector, Termios, ioctl_tiocexcl, ioctl_tiocnxcl,
 };
 
 use super::PortError;
@@ -51,8 +50,9 @@ pub(super) enum Said {
 #[derive(Debug)]
 pub(super) struct Pty {
     master: [OwnedFd; 2],
-    /// Kept open so that the master never sees a hang-up, and to act on the client's side of the tty.
-    slave: [OwnedFd; 2],
+    /// Kept open so that the master never sees a hang-up, and to act on the client's side of the tty. None if somebody
+    /// took the port for itself just when it was let go.
+    slave: Option<[OwnedFd; 2]>,
     path: PathBuf,
     buffer: Box<[u8]>,
     order: Order,
@@ -87,17 +87,13 @@ impl Pty {
             .map_err(step("put the new pty into packet mode"))?;
         let order = Order::new().map_err(|errno| PortError::watch(errno.into()))?;
         let master = twice(master).map_err(PortError::watch)?;
-        let slave = twice(slave).map_err(PortError::watch)?;
-        // Who waits last is woken first: new settings wake both that watch the slave, and are to be noted first.
-        let ends = [&master[0], &master[1], &slave[0], &slave[1]];
-        for (end, mark) in ends.into_iter().zip([Mark::Arrived, Mark::Told, Mark::Wrote, Mark::Set]) {
-            order.watch(end, mark).map_err(|errno| PortError::watch(errno.into()))?;
-        }
-        // Some are listed from the start. That tells nothing.
-        order.take().map_err(|errno| PortError::watch(errno.into()))?;
+        let watched = || order.watch(&master[0], Mark::Arrived).and_then(|()| order.watch(&master[1], Mark::Told));
+        watched().map_err(|errno| PortError::watch(errno.into()))?;
         let line = LineSettings { baud, ixon: false };
         let (buffer, marks) = (vec![0; READ_MAX].into(), Vec::new());
-        Ok(Pty { master, slave, path, buffer, order, marks, has_read: false, line, backlog: 0 })
+        let mut pty = Pty { master, slave: None, path, buffer, order, marks, has_read: false, line, backlog: 0 };
+        pty.attach(slave).map_err(PortError::watch)?;
+        Ok(pty)
     }
 
     pub(super) fn path(&self) -> &Path {
@@ -128,7 +124,8 @@ impl Pty {
     pub(super) fn note_order(&mut self) -> io::Result<bool> {
         let mut marks = self.order.take()?;
         let anything = marks.iter().any(|mark| *mark != Mark::Wrote);
-        // After a look that has read something, this one tells nothing. If the client has written, its bytes set another.
+        // After a look that has read something, this one tells nothing. If the client has written, its bytes set
+        // another.
         if core::mem::take(&mut self.has_read) {
             marks.retain(|mark| *mark != Mark::Wrote);
         }
@@ -253,7 +250,8 @@ impl Pty {
                 }
                 Ok(read)
             }
-            Err(Errno::AGAIN) => {
+            // With EIO, nobody has the port open.
+            Err(Errno::AGAIN | Errno::IO) => {
                 self.backlog = 0;
                 Ok(None)
             }
@@ -275,7 +273,7 @@ impl Pty {
 
     /// Undoes what the last client may have left: replies that it did not read, and stopped output.
     pub(super) fn forget_replies_and_restart(&self) -> io::Result<()> {
-        let [slave, _] = &self.slave;
+        let Some([slave, _]) = &self.slave else { return Ok(()) };
         termios::tcflush(slave, QueueSelector::IFlush)?;
         // Off and on: on its own, TCOON does not undo a stop by XOFF.
         termios::tcflow(slave, Action::OOff)?;
@@ -285,30 +283,52 @@ impl Pty {
 
     /// Whether the client has asked that nobody else may open the port.
     pub(super) fn is_exclusive(&self) -> io::Result<bool> {
-        Ok(exclusive_mode(&self.slave[0])?)
+        Ok(self.slave.as_ref().map_or(Ok(false), |[slave, _]| exclusive_mode(slave))?)
     }
 
     /// Lets anyone who may, open the port, whatever the last client had asked for.
     pub(super) fn clear_exclusive(&self) -> io::Result<()> {
-        Ok(ioctl_tiocnxcl(&self.slave[0])?)
+        Ok(self.slave.as_ref().map_or(Ok(()), |[slave, _]| ioctl_tiocnxcl(slave))?)
     }
 
-    /// Whether anybody but this port has the slave side open, as far as `/proc` shows; None if it cannot be read.
-    pub(super) fn is_held(&self) -> Option<bool> {
-        let own: Vec<PathBuf> = self.slave.iter().map(|fd| own_link(fd.as_raw_fd())).collect();
-        let processes = files::read_dir("/proc").ok()?.filter_map(Result::ok);
-        // Of most processes of others there is nothing to read.
-        let mut links = processes
-            .filter(|process| process.file_name().as_bytes().first().is_some_and(u8::is_ascii_digit))
-            .filter_map(|process| files::read_dir(process.path().join("fd")).ok())
-            .flat_map(|links| links.filter_map(Result::ok).map(|link| link.path()));
-        let held = |link: &PathBuf| files::read_link(link).is_ok_and(|path| path == self.path) && !own.contains(link);
-        Some(links.any(|link| held(&link)))
+    /// Asks what a client had asked for.
+    pub(super) fn make_exclusive(&self) -> io::Result<()> {
+        Ok(self.slave.as_ref().map_or(Ok(()), |[slave, _]| ioctl_tiocexcl(slave))?)
     }
-}
 
-fn own_link(fd: RawFd) -> PathBuf {
-    PathBuf::from(format!("/proc/{}/fd/{fd}", std::process::id()))
+    /// Closes the port's own slave descriptor, until it is [taken up](Pty::take_up) again.
+    pub(super) fn let_go(&mut self) {
+        self.slave = None;
+    }
+
+    /// Whether nobody has the slave side open: after it has been [let go](Pty::let_go).
+    pub(super) fn is_hung_up(&self) -> io::Result<bool> {
+        let mut polled = [PollFd::new(&self.master[0], PollFlags::empty())];
+        retry_on_intr(|| poll(&mut polled, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })))?;
+        Ok(polled[0].revents().contains(PollFlags::HUP))
+    }
+
+    /// Opens the slave side again. Says whether it could.
+    pub(super) fn take_up(&mut self) -> io::Result<bool> {
+        match open_slave(&self.path) {
+            Ok(slave) => self.attach(slave).map(|()| true),
+            // Somebody has just taken the port for itself; then the master side tells of its close.
+            Err(Errno::BUSY) => Ok(false),
+            Err(errno) => Err(errno.into()),
+        }
+    }
+
+    fn attach(&mut self, slave: OwnedFd) -> io::Result<()> {
+        let slave = twice(slave)?;
+        // Who waits last is woken first: new settings wake both, and are to be noted first.
+        self.order.watch(&slave[0], Mark::Wrote)?;
+        self.order.watch(&slave[1], Mark::Set)?;
+        self.slave = Some(slave);
+        // Both are listed from the start. That tells nothing.
+        let marks = self.order.take()?;
+        self.marks.extend(marks.into_iter().filter(|mark| !matches!(mark, Mark::Wrote | Mark::Set)));
+        Ok(())
+    }
 }
 
 /// A descriptor and its duplicate.
