@@ -250,7 +250,7 @@ fn wrong_speed_gives_framing_errors_until_it_is_put_right() {
         up.wait_for_log("framing error on the line from the PC");
         up.wait_for_log("frame refused: line error");
         assert_eq!(times(&up, "distributed"), 0);
-        // The refusal itself is unreadable at this speed. A client that restarts is understood after a silence.
+        // The refusal itself is unreadable at this speed. A client that starts anew is understood after a silence.
         drop(pc);
         up.wait_for_log("the PC port has been closed");
         thread::sleep(Duration::from_millis(100));
@@ -291,6 +291,7 @@ fn speed_below_the_uarts_is_recorded_as_the_uarts() {
 fn bytes_leave_at_the_speed_at_which_they_were_written() {
     let up = Up::start(&[]);
     let mut pc = up.pc();
+    up.wait_for_log("the PC port has been opened");
     for round in 1..=10 {
         pc.write(&AT_REST.repeat(2));
         pc.port.flush().unwrap();
