@@ -312,6 +312,19 @@ fn intervals_hold_for_real_encoders() {
     assert!(held * 100 >= all * 90 && doubts <= 3, "{held} of {all}, {doubts} doubted");
 }
 
+/// A step that comes with a wrong time stamp moves the time constant, and its interval must count that.
+#[test]
+fn a_change_of_the_input_has_a_time_stamp_too() {
+    let mut held = 0;
+    for (axis, level) in [(SPINDLE, 20.0), (feed(), 237.0)] {
+        let flaws = Flaws { jitter: 2e-3, ..Flaws::default() };
+        let (fitted, _) = real_encoder(axis, 0.0, flaws, |_| vec![level; 400], 30);
+        let of = |fitted: &Fitted| fitted.tau.interval().unwrap();
+        held += fitted.iter().map(of).filter(|[low, high]| *low <= axis.model.tau && axis.model.tau <= *high).count();
+    }
+    assert!(held >= 53, "{held} of 60");
+}
+
 /// The table of the manual: `cargo test --release -p torno-identify --test accuracy -- --ignored --nocapture`.
 #[test]
 #[ignore = "takes minutes"]

@@ -33,14 +33,13 @@ pub(super) struct Readings<'a> {
 /// The same without the wraps of a counter of so many bits.
 pub(super) fn unwrap(rows: &mut [[f64; 3]], output: Output, bits: u32) -> Result<(), Wrong> {
     let range = range(bits);
-    let (low, high) = rows.iter().fold((0.0, 0.0), |(low, high): (f64, f64), row| (low.min(row[2]), high.max(row[2])));
-    let fits = |value: f64| value.fract() == 0.0 && high - low < range;
-    if let Some(place) = rows.iter().position(|row| !fits(row[2])) {
-        let found = rows[place][2];
-        return Err((
-            place,
-            format!("expected what a counter of {bits} bits can hold, found {found} (from {low} to {high} in all)"),
-        ));
+    let (mut low, mut high) = (0.0f64, 0.0f64);
+    for (place, [.., found]) in rows.iter().enumerate() {
+        (low, high) = (low.min(*found), high.max(*found));
+        if found.fract() != 0.0 || high - low >= range {
+            let before = if place > 0 { format!(" (from {low} to {high} so far)") } else { String::new() };
+            return Err((place, format!("expected what a counter of {bits} bits can hold, found {found}{before}")));
+        }
     }
     let mut before = rows.first().map_or(0.0, |row| row[2]);
     let mut sum = before;
