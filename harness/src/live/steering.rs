@@ -299,8 +299,8 @@ impl Live {
     }
 
     /// Does all that has been asked meanwhile. What is asked is of the instant at which it is asked: at a pace, time
-    /// must be `up_to_date`, that is where the wall clock is, unless that takes longer than somebody can be kept waiting.
-    /// Says whether anything was done.
+    /// must be `up_to_date`, that is where the wall clock is, unless that takes longer than somebody can be kept
+    /// waiting. Says whether anything was done.
     pub(super) async fn obey_due(&mut self, up_to_date: bool) -> Result<bool, SessionError> {
         let held_back = self.brake.paused().is_none() && self.brake.pace() != Pace::Max;
         if held_back && !up_to_date && !self.asked.is_over(Duration::ZERO) {
