@@ -302,7 +302,7 @@ fn every_kind_of_expectation_can_fail() {
         (
             format!("[[expect.always]]{claim}at_most = 899\n"),
             "always transverse.position_counts ≤ 899",
-            "transverse.position_counts = 902",
+            "transverse.position_counts = 901",
         ),
         (
             "[[fault]]\nname = \"far\"\nline = \"pc_to_master\"\nkind = \"drop\"\nnth = 9\n".to_owned(),
