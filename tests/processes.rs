@@ -559,7 +559,11 @@ fn a_rig_at_a_pace_beyond_this_computer_can_still_be_ended() {
 
 #[test]
 fn a_run_at_a_pace_beyond_this_computer_says_that_it_is_behind() {
-    let mut run = Run::start(&for_hours(), &["--pace", "100000"]);
+    // A feed on its way has something to tell each 30 ms.
+    let mut back = LONG_FEED;
+    back[4] = 1;
+    let frames: Vec<[u8; 8]> = [LONG_FEED, back].into_iter().cycle().take(1000).collect();
+    let mut run = Run::start(&frames, &["--pace", "100000"]);
     run.wait_for_log("WARN this computer is ");
     assert!(run.log().contains(" s behind; going on from here"), "{}", run.log());
 }
