@@ -60,6 +60,8 @@ pub(super) struct Pty {
     marks: Vec<Mark>,
     /// Whether that look has read anything.
     has_read: bool,
+    /// Whether the last thing was that the client set the line.
+    wakes: bool,
     /// What the line was set to at the last look.
     line: LineSettings,
     /// Bytes that were in the master's line discipline at the last look, before which no flush went unnoticed.
@@ -91,7 +93,8 @@ impl Pty {
         watched().map_err(|errno| PortError::watch(errno.into()))?;
         let line = LineSettings { baud, ixon: false };
         let (buffer, marks) = (vec![0; READ_MAX].into(), Vec::new());
-        let mut pty = Pty { master, slave: None, path, buffer, order, marks, has_read: false, line, backlog: 0 };
+        let mut pty =
+            Pty { master, slave: None, path, buffer, order, marks, has_read: false, wakes: false, line, backlog: 0 };
         pty.attach(slave).map_err(PortError::watch)?;
         Ok(pty)
     }
@@ -129,6 +132,11 @@ impl Pty {
         if core::mem::take(&mut self.has_read) {
             marks.retain(|mark| *mark != Mark::Wrote);
         }
+        // New settings set both marks, and this may have fallen in between.
+        if core::mem::take(&mut self.wakes) && marks.first() == Some(&Mark::Wrote) {
+            marks.remove(0);
+        }
+        self.wakes = marks.last() == Some(&Mark::Set);
         self.marks.extend(marks);
         Ok(anything)
     }
