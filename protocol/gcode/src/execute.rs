@@ -152,7 +152,7 @@ fn modes_before(machine: &mut Machine, block: &Block, codes: &Codes) -> Read<()>
     Ok(())
 }
 
-fn whole(value: f64, at: usize, what: &str) -> Read<u32> {
+pub(crate) fn whole(value: f64, at: usize, what: &str) -> Read<u32> {
     let number = libm::round(value);
     if (value - number).abs() > 1e-4 || !(0.0..=1e9).contains(&number) {
         return fault(at, format!("{what} is a whole number, 0 or more; it is {value}"));
@@ -378,7 +378,7 @@ fn move_by(machine: &mut Machine, block: &Block, code: u16, of_machine: bool, si
 
 /// The feed of a cut of this length.
 #[inline]
-fn feed_of(machine: &Machine, block: &Block, length: f64, at: usize) -> Read<Feed> {
+pub(crate) fn feed_of(machine: &Machine, block: &Block, length: f64, at: usize) -> Read<Feed> {
     match machine.feed_mode {
         FeedMode::InverseTime => match block.get(b'f') {
             // As in LinuxCNC, the least feed is 0.1 units a minute.

@@ -5,7 +5,10 @@
 
 use crate::block::{Block, Content};
 use crate::canon::{Kind, Motion, Place};
+use crate::dialect::Dialect;
 use crate::execute::execute;
+use crate::fanuc::cycles::{self, Cycle};
+use crate::fanuc::{self, Next, Programs};
 use crate::finding::{Fault, Finding, Read, Severity, column, fault};
 use crate::flow::{self, Keyword, Mark, Marks};
 use crate::lexer::{Cursor, Lines};
@@ -19,6 +22,8 @@ const CALLS_MAX: usize = 10;
 /// How a program is read.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
+    /// The dialect; if none is given, the first block of bytes tells. Default: none.
+    pub dialect: Option<Dialect>,
     /// Whether what is a warning otherwise is an error. Default: no.
     pub strict: bool,
     /// Whether blocks that begin with `/` are passed over: the switch "block delete". Default: no.
@@ -31,13 +36,15 @@ pub struct Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { strict: false, skip_deleted: false, start: Place::default(), steps_max: 10_000_000 }
+        Self { dialect: None, strict: false, skip_deleted: false, start: Place::default(), steps_max: 10_000_000 }
     }
 }
 
 /// What came of a program.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Outcome {
+    /// The dialect that it was read in.
+    pub dialect: Dialect,
     /// What is wrong with it, in the order in which it was found.
     pub findings: Vec<Finding>,
     /// Its lines.
@@ -55,7 +62,7 @@ impl Outcome {
     }
 }
 
-/// Reads a program of LinuxCNC's dialect.
+/// Reads a program.
 #[derive(Clone, Debug)]
 pub struct Interpreter {
     lines: Lines,
@@ -69,6 +76,7 @@ impl Interpreter {
             settings: settings.clone(),
             machine: Machine::new(settings.start),
             block: Block::default(),
+            fanuc: fanuc::State::default(),
             outcome: Outcome::default(),
             text: Text::default(),
             frames: Vec::new(),
@@ -77,6 +85,7 @@ impl Interpreter {
             continued: false,
             any_block: false,
             percent: false,
+            begun: false,
             done: false,
         };
         Self { lines: Lines::default(), program }
@@ -85,6 +94,7 @@ impl Interpreter {
     /// Takes the next bytes of the text, cut anywhere.
     pub fn push(&mut self, bytes: &[u8], sink: &mut dyn FnMut(Motion)) {
         let Self { lines, program } = self;
+        program.begin(bytes);
         lines.push(bytes, |number, line| program.line(number, line, sink));
     }
 
@@ -149,6 +159,7 @@ struct Program {
     settings: Settings,
     machine: Machine,
     block: Block,
+    fanuc: fanuc::State,
     outcome: Outcome,
     text: Text,
     frames: Vec<Frame>,
@@ -160,10 +171,23 @@ struct Program {
     continued: bool,
     any_block: bool,
     percent: bool,
+    begun: bool,
     done: bool,
 }
 
 impl Program {
+    /// Chooses the dialect, before the first line.
+    fn begin(&mut self, bytes: &[u8]) {
+        if self.begun || bytes.is_empty() {
+            return;
+        }
+        self.begun = true;
+        self.outcome.dialect = self.settings.dialect.unwrap_or_else(|| Dialect::guess(bytes));
+        if self.outcome.dialect == Dialect::Fanuc {
+            fanuc::begin(&mut self.machine);
+        }
+    }
+
     /// Takes a line of the text.
     #[inline]
     fn line(&mut self, number: usize, line: &[u8], sink: Sink<'_>) {
@@ -178,22 +202,36 @@ impl Program {
         self.machine.line = number;
         match self.block.read(line, &self.machine, self.settings.skip_deleted) {
             Ok(Content::Nothing) => {}
+            Ok(Content::Words) if self.outcome.dialect == Dialect::Fanuc => {
+                if fanuc::goes_elsewhere(&self.block) {
+                    self.keep(number, line);
+                } else if self.fanuc_words(line, sink) == Next::Return {
+                    let message = "M99 in the main program repeats it for ever";
+                    self.tell(line, Severity::Error, &Fault { at: 0, message: message.into() });
+                    self.done = true;
+                }
+            }
             Ok(Content::Words) => self.words(line, sink),
             Ok(Content::Percent) if self.any_block || self.percent => self.done = true,
             Ok(Content::Percent) => self.percent = true,
-            Ok(Content::OWord(_)) => {
-                self.any_block = true;
-                self.text.first = number;
-                self.text.push(line);
-            }
+            // The number of the program; another one follows its end.
+            Ok(Content::OWord(_)) if self.outcome.dialect == Dialect::Fanuc => self.done = self.any_block,
+            Ok(Content::OWord(_)) => self.keep(number, line),
             Err(fault) => self.refuse_line(line, &fault),
         }
+    }
+
+    /// Keeps the text from this line on.
+    fn keep(&mut self, number: usize, line: &[u8]) {
+        self.any_block = true;
+        self.outcome.steps -= 1;
+        self.text.first = number;
+        self.text.push(line);
     }
 
     /// Executes the block that has been read.
     #[inline]
     fn words(&mut self, line: &[u8], sink: Sink<'_>) {
-        self.any_block = true;
         let mut count = 0;
         let result = {
             let sink = &mut |motion| {
@@ -203,6 +241,28 @@ impl Program {
             self.block_read(sink)
         };
         self.outcome.motions += count;
+        self.executed(line, result);
+    }
+
+    /// The same in Fanuc's dialect; says where the program goes on.
+    fn fanuc_words(&mut self, line: &[u8], sink: Sink<'_>) -> Next {
+        let mut count = 0;
+        let mut next = Next::Line;
+        let sink = &mut |motion| {
+            count += 1;
+            sink(motion);
+        };
+        let Self { machine, fanuc, block, settings, .. } = self;
+        let result = fanuc::execute(machine, fanuc, block, line, settings.strict, sink);
+        let result = result.map(|found| next = found);
+        self.outcome.motions += count;
+        self.executed(line, result);
+        next
+    }
+
+    #[inline]
+    fn executed(&mut self, line: &[u8], result: Read<()>) {
+        self.any_block = true;
         if let Err(fault) = result {
             self.machine.lost |= Machine::has_axis(&self.block);
             self.tell(line, Severity::Error, &fault);
@@ -279,10 +339,15 @@ impl Program {
     fn finish(&mut self, lines: usize, sink: Sink<'_>) {
         self.outcome.lines = lines;
         if self.text.first != 0 {
-            self.run(sink);
+            let text = core::mem::take(&mut self.text);
+            match self.outcome.dialect {
+                Dialect::LinuxCnc => self.run(text, sink),
+                Dialect::Fanuc => self.run_fanuc(&text, sink),
+            }
         }
         self.machine.line = self.machine.line.max(1);
         if !self.any_block {
+            self.machine.line = 1;
             self.tell(b"", Severity::Error, &Fault { at: 0, message: "the file holds no G-code".into() });
         } else if !self.done && !self.percent {
             let message = "the program has no end: expected M2, M30 or % in a line of its own";
@@ -295,8 +360,7 @@ impl Program {
     }
 
     /// Executes the text that has been kept.
-    fn run(&mut self, sink: Sink<'_>) {
-        let mut text = core::mem::take(&mut self.text);
+    fn run(&mut self, mut text: Text, sink: Sink<'_>) {
         for nth in 0..text.ends.len() {
             // Labels that are computed name only what is called.
             if let Some(mark) = mark(nth, text.line(nth), &self.machine) {
@@ -307,12 +371,7 @@ impl Program {
         while nth < text.ends.len() && !self.done {
             let line = text.line(nth);
             self.machine.line = text.first + nth;
-            self.outcome.steps += 1;
-            if self.outcome.steps > self.settings.steps_max {
-                let most = self.settings.steps_max;
-                let message = format!("more than {most} lines have been executed: the program may never end");
-                self.tell(line, Severity::Error, &Fault { at: 0, message: message.into() });
-                self.done = true;
+            if !self.may_step(line) {
                 return;
             }
             nth += 1;
@@ -332,6 +391,150 @@ impl Program {
                 },
                 Err(fault) => self.refuse_line(line, &fault),
             }
+        }
+    }
+
+    /// Counts a line of a text that is kept; tells if there are too many.
+    fn may_step(&mut self, line: &[u8]) -> bool {
+        self.outcome.steps += 1;
+        let most = self.settings.steps_max;
+        if self.outcome.steps > most {
+            let message = format!("more than {most} lines have been executed: the program may never end");
+            self.tell(line, Severity::Error, &Fault { at: 0, message: message.into() });
+            self.done = true;
+        }
+        !self.done
+    }
+
+    /// Executes the text that has been kept, in Fanuc's dialect.
+    fn run_fanuc(&mut self, text: &Text, sink: Sink<'_>) {
+        let programs = Programs::of((0..text.ends.len()).map(|nth| text.line(nth)));
+        // Of each call: where it goes back to, where it begins, how often it is still to come.
+        let mut calls: Vec<(usize, usize, u32)> = Vec::new();
+        let mut nth = 0;
+        while nth < text.ends.len() && !self.done {
+            let line = text.line(nth);
+            self.machine.line = text.first + nth;
+            if !self.may_step(line) {
+                return;
+            }
+            nth += 1;
+            let next = match self.block.read(line, &self.machine, self.settings.skip_deleted) {
+                Ok(Content::Nothing) => continue,
+                Ok(Content::Words) => self.fanuc_words(line, sink),
+                Ok(Content::Percent) => {
+                    self.percent = true;
+                    self.done = true;
+                    continue;
+                }
+                Ok(Content::OWord(at)) => {
+                    if !calls.is_empty() {
+                        let message = "the program before this one has no M99";
+                        self.tell(line, Severity::Error, &Fault { at, message: message.into() });
+                    }
+                    self.done = true;
+                    continue;
+                }
+                Err(fault) => {
+                    self.refuse_line(line, &fault);
+                    continue;
+                }
+            };
+            let refuse = |program: &mut Self, message: String| {
+                let at = program.block.codes().first().map_or(0, |code| code.at);
+                program.tell(line, Severity::Error, &Fault { at, message: message.into() });
+            };
+            match next {
+                Next::Line => {}
+                Next::Call { times: 0, .. } => {}
+                Next::Call { program, times } => match programs.start(program) {
+                    Some(_) if calls.len() == CALLS_MAX => {
+                        refuse(self, format!("calls are nested more than {CALLS_MAX} deep"));
+                    }
+                    Some(start) => {
+                        calls.push((nth, start, times - 1));
+                        nth = start;
+                    }
+                    None => refuse(self, format!("the program O{program:04} does not follow in the file")),
+                },
+                Next::Return => match calls.last_mut() {
+                    Some((_, start, left)) if *left > 0 => {
+                        *left -= 1;
+                        nth = *start;
+                    }
+                    Some((back, _, _)) => {
+                        nth = *back;
+                        calls.pop();
+                    }
+                    None => {
+                        refuse(self, "M99 in the main program repeats it for ever".to_owned());
+                        self.done = true;
+                    }
+                },
+                Next::Contour(cycle) => match programs.contour(cycle.blocks, nth) {
+                    Some((from, to)) => {
+                        self.cycle(text, &cycle, (from, to), nth - 1, sink);
+                        // What follows as the contour of a cycle is not executed again.
+                        if from >= nth {
+                            nth = to + 1;
+                        }
+                    }
+                    None => {
+                        let [from, to] = cycle.blocks;
+                        refuse(self, format!("the contour N{from} to N{to} is not in the file behind the first cycle"));
+                    }
+                },
+            }
+        }
+    }
+
+    /// Cuts a contour: these lines of the text.
+    fn cycle(&mut self, text: &Text, cycle: &Cycle, lines: (usize, usize), nth: usize, sink: Sink<'_>) {
+        let mut aside = self.machine.clone();
+        let mut state = self.fanuc.clone();
+        let mut block = Block::default();
+        let mut motions = Vec::new();
+        for contour in lines.0..=lines.1 {
+            let line = text.line(contour);
+            if !self.may_step(line) {
+                return;
+            }
+            aside.line = text.first + contour;
+            let read = block.read(line, &aside, self.settings.skip_deleted);
+            let sink = &mut |motion| motions.push(motion);
+            let result = match read {
+                Ok(Content::Words) => {
+                    fanuc::execute(&mut aside, &mut state, &block, line, self.settings.strict, sink).and_then(|next| {
+                        if next == Next::Line { Ok(()) } else { fault(0, "a contour holds motions only") }
+                    })
+                }
+                Ok(Content::Nothing) => Ok(()),
+                Ok(_) => fault(0, "a contour holds motions only"),
+                Err(fault) => Err(fault),
+            };
+            let here = core::mem::replace(&mut self.machine.line, text.first + contour);
+            let failed = result.is_err();
+            if let Err(fault) = result {
+                self.tell(line, Severity::Error, &fault);
+            }
+            for warning in core::mem::take(&mut aside.warnings) {
+                self.tell(line, Severity::Warning, &warning);
+            }
+            self.machine.line = here;
+            if failed {
+                self.machine.lost = true;
+                return;
+            }
+        }
+        let mut count = 0;
+        let sink = &mut |motion| {
+            count += 1;
+            sink(motion);
+        };
+        let result = cycles::run(cycle, &mut self.machine, &motions, sink);
+        self.outcome.motions += count;
+        if let Err(fault) = result {
+            self.tell(text.line(nth), Severity::Error, &fault);
         }
     }
 

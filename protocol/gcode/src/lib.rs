@@ -1,7 +1,7 @@
 //! G-code: text to canonical motions.
 //!
-//! RS274/NGC as LinuxCNC 2.9 reads it. LinuxCNC's sources and manual say how its interpreter behaves; nothing is taken
-//! from them.
+//! Two dialects: RS274/NGC as LinuxCNC 2.9 reads it, and that of a Fanuc lathe of G-code system A. LinuxCNC's sources
+//! and manual say how its interpreter behaves; nothing is taken from them.
 //!
 //! ```
 //! use torno_gcode::{Settings, interpret};
@@ -17,8 +17,10 @@ mod arc;
 mod block;
 mod canon;
 mod codes;
+mod dialect;
 mod execute;
 mod expression;
+mod fanuc;
 mod finding;
 mod flow;
 mod interpreter;
@@ -26,5 +28,6 @@ mod lexer;
 mod machine;
 
 pub use canon::{Feed, Kind, Motion, NotCanonical, Place, Plane, Sense, Speed, Turn};
+pub use dialect::Dialect;
 pub use finding::{Finding, Severity};
 pub use interpreter::{Interpreter, Outcome, Settings, interpret};

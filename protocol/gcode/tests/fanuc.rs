@@ -1,0 +1,207 @@
+//! The dialect of a Fanuc lathe: what its words ask for, and what is refused.
+
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
+
+use torno_gcode::{Dialect, Feed, Kind, Motion, Sense, Settings, Speed, interpret};
+
+fn read(text: &str) -> (Vec<Motion>, String) {
+    let settings = Settings { dialect: Some(Dialect::Fanuc), steps_max: 100_000, ..Settings::default() };
+    let (motions, outcome) = interpret(text.as_bytes(), &settings);
+    let told: Vec<String> = outcome.findings.iter().map(ToString::to_string).collect();
+    (motions, told.join("\n"))
+}
+
+/// A move in a few characters: its kind, X as a diameter, Z.
+fn short(motions: &[Motion]) -> Vec<String> {
+    let round = |value: f64| (value * 1e4).round() / 1e4 + 0.0;
+    let place = |kind: &str, to: torno_gcode::Place| format!("{kind} {} {}", round(2.0 * to.x), round(to.z));
+    let of = |motion: &Motion| match motion.kind {
+        Kind::Rapid { to } => Some(place("R", to)),
+        Kind::Feed { to, .. } => Some(place("F", to)),
+        Kind::Arc { to, .. } => Some(place("A", to)),
+        _ => None,
+    };
+    motions.iter().filter_map(of).collect()
+}
+
+/// The moves of a program without findings.
+fn moves(text: &str) -> Vec<String> {
+    let (motions, told) = read(text);
+    assert_eq!(told, "", "{text}");
+    assert_eq!(motions.last().unwrap().kind, Kind::End);
+    short(&motions)
+}
+
+#[test]
+fn x_is_a_diameter_and_u_and_w_are_relative() {
+    let text = "%\nO0001 (SHAFT)\nN1 S500 M3\nG0 X20. Z2.\nG1 Z-10. F0.2\nU4. W-1.\nX30. W-2.5\nG28 U0 W0\nM30\n%\n";
+    let expected = ["R 20 2", "F 20 -10", "F 24 -11", "F 30 -13.5", "R 30 -13.5", "R 0 0"];
+    assert_eq!(moves(text), expected);
+}
+
+#[test]
+fn arcs_have_radii() {
+    let (motions, told) = read("G0 X20. Z0.\nG98 G3 X30. Z-5. R5. F100.\nG2 X40. Z-10. I5. K0.\nM30");
+    assert_eq!(told, "");
+    let Kind::Arc { centre, .. } = motions[1].kind else { panic!() };
+    assert!((centre[0] + 5.0).abs() < 1e-9 && (centre[1] - 10.0).abs() < 1e-9, "{centre:?}");
+    let Kind::Arc { centre, feed, .. } = motions[2].kind else { panic!() };
+    assert_eq!((centre, feed), ([-5.0, 20.0], Feed::PerMinute(100.0)));
+}
+
+#[test]
+fn g50_limits_the_spindle_or_sets_the_place() {
+    let (motions, told) = read("G50 S2000\nG96 S150 M3\nG97 S500 M5\nG50 X100. Z50.\nG0 X80. Z40.\nM30");
+    assert_eq!(told, "");
+    let speed = Speed::Surface { m_per_min: 150.0, most_rpm: Some(2000.0) };
+    assert_eq!(motions[0].kind, Kind::Spindle { sense: Sense::Clockwise, speed });
+    assert_eq!(motions[1].kind, Kind::Spindle { sense: Sense::Off, speed: Speed::Constant(500.0) });
+    assert_eq!(short(&motions), ["R -20 -10"]);
+}
+
+#[test]
+fn cycles_of_one_cut_repeat_with_what_changes() {
+    let text = "S500 M3\nG0 X50. Z2.\nG90 X46. Z-20. F0.2\nX42.\nG0 X60.\nG94 X10. Z-1. F0.1\nZ-2.\nM30";
+    let expected = [
+        "R 50 2", "R 46 2", "F 46 -20", "F 50 -20", "R 50 2", "R 42 2", "F 42 -20", "F 50 -20", "R 50 2", "R 60 2",
+        "R 60 -1", "F 10 -1", "F 10 2", "R 60 2", "R 60 -2", "F 10 -2", "F 10 2", "R 60 2",
+    ];
+    assert_eq!(moves(text), expected);
+}
+
+const CONTOUR: &str = "N10 G0 X20.\nG1 Z-10. F0.1\nX30. Z-20.\nG2 X36. Z-23. R3.\nN20 G1 X40.\n";
+
+#[test]
+fn g71_cuts_level_by_level_and_g70_along_the_contour() {
+    let text = format!("S500 M3\nG0 X40. Z2.\nG71 U4. R1.\nG71 P10 Q20 U0.4 W0.1 F0.3\n{CONTOUR}G70 P10 Q20\nM30");
+    let expected = [
+        // Levels: 32, 24 mm, then the contour 0.4 mm larger and 0.1 mm further out.
+        "R 40 2",
+        "R 32 2",
+        "F 32 -21.9396",
+        "R 34 -20.9396",
+        "R 34 2",
+        "R 24 2",
+        "F 24 -13.5",
+        "R 26 -12.5",
+        "R 26 2",
+        "R 20.4 2.1",
+        "F 20.4 -9.9",
+        "F 30.4 -19.9",
+        "A 36.4 -22.9",
+        "F 40.4 -22.9",
+        "R 40 2",
+        // Finishing.
+        "R 20 2",
+        "F 20 -10",
+        "F 30 -20",
+        "A 36 -23",
+        "F 40 -23",
+        "R 40 2",
+    ];
+    let found = moves(&text);
+    let z = |text: &str| text.rsplit(' ').next().unwrap().parse::<f64>().unwrap();
+    assert_eq!(found.len(), expected.len(), "{found:#?}");
+    for (nth, (found, expected)) in found.iter().zip(expected).enumerate() {
+        let head = |text: &str| text.rsplit_once(' ').unwrap().0.to_owned();
+        assert_eq!(head(found), head(expected), "{nth}");
+        assert!((z(found) - z(expected)).abs() < 1e-3, "{nth}: {found}, not {expected}");
+    }
+    // On the arc of radius 3 around X 36, Z -20, all 0.2 and 0.1 mm further out: X 32 is 15.8 in radius without them.
+    let level = 15.8_f64;
+    let along = -20.0 - (9.0 - (18.0 - level) * (18.0 - level)).sqrt() + 0.1;
+    assert!((z(&found[2]) - along).abs() < 1e-3, "{}, not {along}", found[2]);
+    // On the taper: X 24 is 11.8 in radius without what is left.
+    assert!((z(&found[6]) - (-10.0 - (11.8 - 10.0) * 2.0 + 0.1)).abs() < 1e-3, "{}", found[6]);
+}
+
+#[test]
+fn g72_has_its_levels_in_z_and_g73_follows_the_contour() {
+    let text =
+        "S500 M3\nG0 X40. Z1.\nG72 W2. R0.5\nG72 P10 Q20 U0 W0 F0.2\nN10 G0 Z-5.\nN15 G1 X20. F0.1\nN20 Z0.\nM30";
+    let expected = [
+        "R 40 1",
+        "R 40 -1",
+        "F 20 -1",
+        "R 21 -0.5",
+        "R 40 -0.5",
+        "R 40 -3",
+        "F 20 -3",
+        "R 21 -2.5",
+        "R 40 -2.5",
+        "R 40 -5",
+        "F 20 -5",
+        "F 20 0",
+        "R 40 1",
+    ];
+    assert_eq!(moves(text), expected);
+    let text = "S500 M3\nG0 X40. Z1.\nG73 U4. W1. R2\nG73 P10 Q20 U0.4 W0.1 F0.2\nN10 G0 X20. Z0.\nN20 G1 Z-5.\nM30";
+    let expected = [
+        "R 40 1",
+        "R 48.4 2.1",
+        "R 28.4 1.1",
+        "F 28.4 -3.9",
+        "R 40 1",
+        "R 40.4 1.1",
+        "R 20.4 0.1",
+        "F 20.4 -4.9",
+        "R 40 1",
+    ];
+    assert_eq!(moves(text), expected);
+}
+
+#[test]
+fn pecks_lift_the_tool() {
+    let text = "S500 M3\nG0 X20. Z1.\nG75 R0.5\nG75 X14. Z-3. P2000 Q2000 F0.05\nM30";
+    let row = |z: &str| {
+        let steps = ["R 20", "F 16", "R 17", "F 14", "R 20"];
+        steps.map(|step| format!("{step} {z}")).to_vec()
+    };
+    let expected = [vec!["R 20 1".to_owned()], row("1"), row("-1"), row("-3"), vec!["R 20 1".to_owned()]].concat();
+    assert_eq!(moves(text), expected);
+}
+
+#[test]
+fn subprograms_are_called_and_repeated() {
+    let text = "O0001\nG0 X10. Z0.\nM98 P0002 L2\nM98 P20003\nM30\nO0002\nG0 U1.\nM98 P3\nM99\nO0003\nG0 W-1.\nM99\n%";
+    let expected = ["R 10 0", "R 11 0", "R 11 -1", "R 12 -1", "R 12 -2", "R 12 -3", "R 12 -4"];
+    assert_eq!(moves(text), expected);
+}
+
+#[test]
+fn dwells_count_seconds_or_thousandths() {
+    let (motions, told) = read("G4 X1.5\nG4 U0.5\nG04 P250\nM30");
+    assert_eq!(told, "");
+    let seconds = [1.5, 0.5, 0.25].map(|seconds| Kind::Dwell { seconds });
+    assert_eq!(motions[..3].iter().map(|motion| motion.kind).collect::<Vec<_>>(), seconds);
+}
+
+#[test]
+fn what_is_refused_is_told_with_its_place() {
+    for (text, expected) in [
+        ("G32 Z-5. F1.", "1:1: G32 is not supported yet: threads"),
+        ("G92 X10. Z-5. F1.", "1:1: G92 is not supported yet: threads"),
+        ("G76 P010060", "1:1: G76 is not supported yet: threads"),
+        ("G42 G0 X1.", "1:1: G42 is not supported yet: the compensation of the tool's nose"),
+        ("G1 X1. ,R2. F1.", "1:8: corners (,R and ,C) are not supported yet"),
+        ("#1=5", "1:1: variables and expressions of a Fanuc are not supported yet"),
+        ("G0 X1. U1.", "1:8: X and U exclude one another in a line"),
+        ("G0 X1. C2.", "1:8: the word C is not supported"),
+        ("G1 X1. R2. F1.", "1:8: nothing in the line uses the R word"),
+        ("M98 P77", "1:1: the program O0077 does not follow in the file"),
+        ("G0 X1.\nM99", "2:1: M99 in the main program repeats it for ever"),
+        ("G71 P1 Q2", "1:1: the depth of a cut is not known: expected U (G71), W (G72) or D before it"),
+        ("G71 P1 Q2 D1. F1.", "1:1: the contour N1 to N2 is not in the file behind the first cycle"),
+        (
+            "S9 G0 X50. Z0.\nG71 P1 Q2 D1. F1.\nN1 G0 X20.\nG1 Z-5.\nX15. Z-9.\nN2 X50.",
+            "2:1: the cycle is not supported yet for this contour: it has pockets, or turns back",
+        ),
+        ("G0 X20", "1:4: warning: a number without a point is taken in whole units, not in thousandths"),
+    ] {
+        let text = format!("{text}\nM30");
+        let (_, told) = read(&text);
+        assert_eq!(told, expected, "{text}");
+    }
+    let (_, told) = read("M98 P1\nM30\nO1\nM98 P1\nM99");
+    assert!(told.contains("more than 10 deep"), "{told}");
+}
