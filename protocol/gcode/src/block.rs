@@ -49,16 +49,26 @@ const fn index(letter: u8) -> usize {
     (letter - b'a') as usize
 }
 
+/// Letters as a set.
+pub(crate) const fn mask(letters: &[u8]) -> u32 {
+    let (mut mask, mut nth) = (0, 0);
+    while nth < letters.len() {
+        mask |= 1 << index(letters[nth]);
+        nth += 1;
+    }
+    mask
+}
+
 impl Block {
     #[inline]
     pub(crate) const fn has(&self, letter: u8) -> bool {
         self.letters & (1 << index(letter)) != 0
     }
 
-    /// Whether it has one of these.
+    /// Whether it has one of the letters of this [`mask`].
     #[inline]
-    pub(crate) fn has_any(&self, letters: &[u8]) -> bool {
-        letters.iter().any(|letter| self.has(*letter))
+    pub(crate) const fn has_any(&self, mask: u32) -> bool {
+        self.letters & mask != 0
     }
 
     #[inline]
@@ -164,8 +174,9 @@ impl Block {
         cursor.skip();
         let number = value(cursor, variables)?;
         let exact = number * 10.0;
-        let tenths = exact.round();
-        if (exact - tenths).abs() > 1e-3 || !(0.0..=9999.0).contains(&tenths) {
+        // Rounded; a negative or a large number is refused below.
+        let tenths = f64::from((exact + 0.5) as u16);
+        if (exact - tenths).abs() > 1e-3 || !(0.0..=9999.0).contains(&exact) {
             return fault(at, format!("{}{number} is not known", letter.to_ascii_uppercase() as char));
         }
         if self.count == CODES_MAX {

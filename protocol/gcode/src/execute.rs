@@ -1,7 +1,7 @@
 //! What a line of LinuxCNC's dialect does, word by word, in the order in which LinuxCNC does it.
 
 use crate::arc;
-use crate::block::Block;
+use crate::block::{Block, mask};
 use crate::canon::{Feed, Kind, Plane, Sense, Turn};
 use crate::codes::{Codes, Group, MGroup};
 use crate::finding::{Read, fault};
@@ -77,13 +77,13 @@ fn motion_of(machine: &Machine, block: &Block, codes: &Codes) -> Read<Option<u16
         };
     }
     let arcs = matches!(machine.motion, Some(20 | 30));
-    Ok(machine.motion.filter(|_| arcs && block.has_any(b"ijk")))
+    Ok(machine.motion.filter(|_| arcs && block.has_any(const { mask(b"ijk") })))
 }
 
 /// Refuses a word that no other word of its line uses.
 #[inline]
 fn are_used(block: &Block, codes: &Codes, motion: Option<u16>) -> Read<()> {
-    if !block.has_any(b"ijkpqrldeh") {
+    if !block.has_any(const { mask(b"ijkpqrldeh") }) {
         return Ok(());
     }
     let once = codes.g(Group::Once);
@@ -273,7 +273,7 @@ fn set_up(machine: &mut Machine, block: &Block) -> Read<()> {
     if what != 2.0 && !here {
         return fault(block.at(b'l'), "G10 needs L2 or L20");
     }
-    if block.has_any(b"ijq") {
+    if block.has_any(const { mask(b"ijq") }) {
         return fault(0, "G10 L2 and G10 L20 take no I, J and Q words");
     }
     if block.has(b'r') {
@@ -364,9 +364,12 @@ fn move_by(machine: &mut Machine, block: &Block, code: u16, of_machine: bool, si
     let feed = if code == 0 {
         None
     } else {
-        let path: [f64; 4] = core::array::from_fn(|axis| to[axis] - machine.at[axis]);
-        let straight = libm::sqrt(path[..3].iter().map(|way| way * way).sum());
-        Some(feed_of(machine, block, if straight > 0.0 { straight } else { path[3].abs() }, at)?)
+        let path = || {
+            let path: [f64; 4] = core::array::from_fn(|axis| to[axis] - machine.at[axis]);
+            let straight = libm::sqrt(path[..3].iter().map(|way| way * way).sum());
+            if straight > 0.0 { straight } else { path[3].abs() }
+        };
+        Some(feed_of(machine, block, path, at)?)
     };
     machine.go(to, feed, at, sink)?;
     let [first, second, _] = machine.plane.axes();
@@ -378,11 +381,11 @@ fn move_by(machine: &mut Machine, block: &Block, code: u16, of_machine: bool, si
 
 /// The feed of a cut of this length.
 #[inline]
-pub(crate) fn feed_of(machine: &Machine, block: &Block, length: f64, at: usize) -> Read<Feed> {
+pub(crate) fn feed_of(machine: &Machine, block: &Block, length: impl FnOnce() -> f64, at: usize) -> Read<Feed> {
     match machine.feed_mode {
         FeedMode::InverseTime => match block.get(b'f') {
             // As in LinuxCNC, the least feed is 0.1 units a minute.
-            Some(often) => Ok(Feed::PerMinute((length * often).max(0.1 * machine.unit))),
+            Some(often) => Ok(Feed::PerMinute((length() * often).max(0.1 * machine.unit))),
             None => fault(at, "each cut in G93 needs an F word"),
         },
         _ if machine.feed == 0.0 => fault(at, "a cut needs a feed: there is no F word, or it is 0"),
@@ -412,14 +415,16 @@ fn turn_by(machine: &mut Machine, block: &Block, turn: Turn, to: [f64; 4], sink:
         return fault(block.at(b'p'), "P of an arc is 1 or more");
     }
     let centre = match block.get(b'r') {
-        Some(_) if block.has_any(b"ijk") => return fault(block.at(b'r'), "an arc has R or I, J, K, not both"),
+        Some(_) if block.has_any(const { mask(b"ijk") }) => {
+            return fault(block.at(b'r'), "an arc has R or I, J, K, not both");
+        }
         Some(radius) => {
             if ![first, second].iter().any(|axis| block.has(AXES[*axis])) {
                 return fault(at, format!("an arc with R needs an axis of its plane{lathe}"));
             }
             arc::centre(from, end, radius * machine.unit, turn)
         }
-        None if !block.has_any(b"ijk") => return fault(at, "an arc needs R, or I, J, K"),
+        None if !block.has_any(const { mask(b"ijk") }) => return fault(at, "an arc needs R, or I, J, K"),
         None => {
             if block.has(letter(across)) {
                 let word = letter(across).to_ascii_uppercase() as char;
@@ -447,8 +452,11 @@ fn turn_by(machine: &mut Machine, block: &Block, turn: Turn, to: [f64; 4], sink:
         }
         Err(message) => return fault(at, message),
     };
-    let round = arc::length(from, end, centre, turn, turns);
-    let feed = feed_of(machine, block, libm::hypot(round, to[across] - machine.at[across]), at)?;
+    let path = || {
+        let round = arc::length(from, end, centre, turn, turns);
+        libm::hypot(round, to[across] - machine.at[across])
+    };
+    let feed = feed_of(machine, block, path, at)?;
     let kind = Kind::Arc {
         to: crate::canon::Place::of(machine.in_machine(to)),
         plane: machine.plane,

@@ -232,30 +232,16 @@ impl Program {
     /// Executes the block that has been read.
     #[inline]
     fn words(&mut self, line: &[u8], sink: Sink<'_>) {
-        let mut count = 0;
-        let result = {
-            let sink = &mut |motion| {
-                count += 1;
-                sink(motion);
-            };
-            self.block_read(sink)
-        };
-        self.outcome.motions += count;
+        let result = self.block_read(sink);
         self.executed(line, result);
     }
 
     /// The same in Fanuc's dialect; says where the program goes on.
     fn fanuc_words(&mut self, line: &[u8], sink: Sink<'_>) -> Next {
-        let mut count = 0;
         let mut next = Next::Line;
-        let sink = &mut |motion| {
-            count += 1;
-            sink(motion);
-        };
         let Self { machine, fanuc, block, settings, .. } = self;
         let result = fanuc::execute(machine, fanuc, block, line, settings.strict, sink);
         let result = result.map(|found| next = found);
-        self.outcome.motions += count;
         self.executed(line, result);
         next
     }
@@ -316,7 +302,7 @@ impl Program {
     /// A line that cannot be read: perhaps the whole file is something else.
     #[cold]
     fn refuse_line(&mut self, line: &[u8], fault: &Fault) {
-        let nothing_yet = self.outcome.motions == 0;
+        let nothing_yet = self.machine.motions == 0;
         let other = if line.iter().any(|byte| matches!(byte, 0..=8 | 14..=16 | 20..=25 | 28..=31 | 127)) {
             Some("the file is binary: expected G-code")
         } else if nothing_yet && is_frame(line) {
@@ -354,9 +340,9 @@ impl Program {
             self.tell(b"", Severity::Warning, &Fault { at: 0, message: message.into() });
         }
         if !self.machine.ended {
-            self.outcome.motions += 1;
             self.machine.emit(Kind::End, sink);
         }
+        self.outcome.motions = self.machine.motions;
     }
 
     /// Executes the text that has been kept.
@@ -526,13 +512,7 @@ impl Program {
                 return;
             }
         }
-        let mut count = 0;
-        let sink = &mut |motion| {
-            count += 1;
-            sink(motion);
-        };
         let result = cycles::run(cycle, &mut self.machine, &motions, sink);
-        self.outcome.motions += count;
         if let Err(fault) = result {
             self.tell(text.line(nth), Severity::Error, &fault);
         }

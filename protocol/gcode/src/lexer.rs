@@ -25,7 +25,7 @@ impl Lines {
                 bytes = &bytes[1..];
                 continue;
             }
-            let Some(end) = bytes.iter().position(|byte| matches!(byte, b'\n' | b'\r')) else {
+            let Some(end) = end_of_line(bytes) else {
                 let room = (LINE_MAX + 8).saturating_sub(self.partial.len());
                 self.partial.extend_from_slice(&bytes[..bytes.len().min(room)]);
                 return;
@@ -58,6 +58,21 @@ impl Lines {
     pub(crate) const fn count(&self) -> usize {
         self.number
     }
+}
+
+/// Where the first LF or CR is. It looks at eight bytes at a time.
+#[inline]
+fn end_of_line(bytes: &[u8]) -> Option<usize> {
+    const ONES: u64 = u64::from_ne_bytes([1; 8]);
+    const HIGH: u64 = ONES << 7;
+    let zero = |word: u64| word.wrapping_sub(ONES) & !word & HIGH;
+    let (words, _) = bytes.as_chunks::<8>();
+    let found = words.iter().position(|word| {
+        let word = u64::from_ne_bytes(*word);
+        zero(word ^ (ONES * u64::from(b'\n'))) | zero(word ^ (ONES * u64::from(b'\r'))) != 0
+    });
+    let from = found.unwrap_or(words.len()) * 8;
+    bytes[from..].iter().position(|byte| matches!(byte, b'\n' | b'\r')).map(|end| from + end)
 }
 
 fn without_mark(number: usize, line: &[u8]) -> &[u8] {

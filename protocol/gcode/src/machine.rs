@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::block::Block;
+use crate::block::{Block, mask};
 use crate::canon::{Feed, Kind, Motion, Place, Plane, Sense, Speed};
 use crate::expression::{Parameter, Variables};
 use crate::finding::{Fault, Read, fault};
@@ -71,6 +71,10 @@ pub(crate) struct Machine {
     pub(crate) shifted: bool,
     pub(crate) saved_shift: [f64; 4],
     pub(crate) tool_offset: [f64; 4],
+    /// The sum of the three that apply.
+    offsets: [f64; 4],
+    /// So many motions have come of the program.
+    pub(crate) motions: u64,
     pub(crate) home: [[f64; 4]; 2],
     pub(crate) selected_tool: u32,
     pub(crate) tool: u32,
@@ -109,6 +113,8 @@ impl Machine {
             shifted: false,
             saved_shift: [0.0; 4],
             tool_offset: [0.0; 4],
+            offsets: [0.0; 4],
+            motions: 0,
             home: [[0.0; 4]; 2],
             selected_tool: 0,
             tool: 0,
@@ -121,12 +127,14 @@ impl Machine {
     }
 
     /// What lies between the program's coordinates and the machine's.
-    pub(crate) fn offset(&self, axis: usize) -> f64 {
-        self.systems[self.system][axis] + self.shift[axis] + self.tool_offset[axis]
+    #[inline]
+    pub(crate) const fn offset(&self, axis: usize) -> f64 {
+        self.offsets[axis]
     }
 
+    #[inline]
     pub(crate) fn in_machine(&self, place: [f64; 4]) -> [f64; 4] {
-        core::array::from_fn(|axis| place[axis] + self.offset(axis))
+        core::array::from_fn(|axis| place[axis] + self.offsets[axis])
     }
 
     /// An axis word in mm, X as a radius; degrees for A.
@@ -147,13 +155,15 @@ impl Machine {
     }
 
     pub(crate) fn has_axis(block: &Block) -> bool {
-        block.has_any(&AXES)
+        block.has_any(const { mask(&AXES) })
     }
 
     /// Moves the origin; the tool stays where it is.
     pub(crate) fn with_offsets(&mut self, change: impl FnOnce(&mut Self)) {
         let machine = self.in_machine(self.at);
         change(self);
+        let system = self.systems[self.system];
+        self.offsets = core::array::from_fn(|axis| system[axis] + self.shift[axis] + self.tool_offset[axis]);
         self.at = core::array::from_fn(|axis| machine[axis] - self.offset(axis));
     }
 
@@ -164,7 +174,8 @@ impl Machine {
     }
 
     #[inline]
-    pub(crate) fn emit(&self, kind: Kind, sink: Sink<'_>) {
+    pub(crate) fn emit(&mut self, kind: Kind, sink: Sink<'_>) {
+        self.motions += 1;
         sink(Motion { line: self.line, kind });
     }
 

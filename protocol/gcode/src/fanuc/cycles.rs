@@ -4,7 +4,7 @@
 //! then cuts towards it.
 
 use crate::arc;
-use crate::block::{Block, Code};
+use crate::block::{Block, Code, mask};
 use crate::canon::{Feed, Kind, Motion, Place, Plane, Turn};
 use crate::execute::{feed_of, whole};
 use crate::fanuc::state::{State, target};
@@ -12,7 +12,7 @@ use crate::finding::{Read, fault};
 use crate::machine::{Machine, Sink};
 
 /// So many passes of one cycle.
-const PASSES_MAX: f64 = 100_000.0;
+const PASSES_MAX: f64 = 10_000.0;
 const NEAR: f64 = 1e-9;
 
 /// A cycle with a contour.
@@ -36,10 +36,10 @@ pub(crate) struct Cycle {
 pub(crate) fn of(machine: &Machine, state: &mut State, block: &Block, code: Option<Code>) -> Read<Option<Cycle>> {
     let Some(Code { tenths: code, at, .. }) = code else { return Ok(None) };
     let value = |letter: u8| block.get(letter).map(|value| value * machine.unit);
-    if block.has_any(b"xz") {
+    if block.has_any(const { mask(b"xz") }) {
         return fault(at, "the cycle takes U and W, not X and Z");
     }
-    if !block.has_any(b"pq") {
+    if !block.has_any(const { mask(b"pq") }) {
         match code {
             710 | 720 => {
                 state.depth = value(if code == 710 { b'u' } else { b'w' }).or(state.depth);
@@ -157,7 +157,7 @@ pub(crate) fn run(cycle: &Cycle, machine: &mut Machine, motions: &[Motion], sink
     if contour.len() < 2 {
         return fault(at, "the contour of the cycle has fewer than two motions");
     }
-    let feed = feed_of(machine, &Block::default(), 0.0, at);
+    let feed = feed_of(machine, &Block::default(), || 0.0, at);
     let cut = &mut Cut { machine, sink, feed: Feed::PerMinute(0.0), start };
     match cycle.code {
         700 => {
@@ -300,7 +300,7 @@ pub(crate) fn peck(machine: &mut Machine, state: &mut State, block: &Block, alon
     if pecks * (rows + 1.0) > PASSES_MAX {
         return fault(0, format!("the cycle has more than {PASSES_MAX} pecks"));
     }
-    let feed = Some(feed_of(machine, block, 0.0, 0)?);
+    let feed = Some(feed_of(machine, block, || 0.0, 0)?);
     let reached = |nth: f64, all: f64, way: f64, step: Option<f64>| {
         if nth >= all { way } else { step.map_or(way, |step| step * nth * way.signum()) }
     };

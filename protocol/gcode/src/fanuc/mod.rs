@@ -11,7 +11,7 @@ pub(crate) use programs::{Programs, goes_elsewhere};
 pub(crate) use state::State;
 
 use crate::arc;
-use crate::block::{Block, Code};
+use crate::block::{Block, Code, mask};
 use crate::canon::{Kind, Place, Plane, Sense, Turn};
 use crate::execute::{feed_of, whole};
 use crate::fanuc::state::target;
@@ -261,7 +261,7 @@ fn set_up(machine: &mut Machine, state: &mut State, block: &Block) -> Read<()> {
 }
 
 /// G4: X and U are seconds, P milliseconds.
-fn dwell(machine: &Machine, block: &Block, sink: Sink<'_>) -> Read<()> {
+fn dwell(machine: &mut Machine, block: &Block, sink: Sink<'_>) -> Read<()> {
     let seconds = block.get(b'x').or(block.get(b'u')).or(block.get(b'p').map(|ms| ms / 1000.0));
     match seconds {
         Some(seconds) if seconds >= 0.0 => machine.emit(Kind::Dwell { seconds }, sink),
@@ -277,7 +277,7 @@ fn home(machine: &mut Machine, block: &Block, sink: Sink<'_>) -> Read<()> {
     machine.go(over, None, 0, sink)?;
     let mut to = over;
     for (axis, letters) in [(0, b"xu"), (2, b"zw")] {
-        if block.has_any(letters) {
+        if block.has_any(mask(letters)) {
             to[axis] = machine.home[0][axis] - machine.offset(axis);
         }
     }
@@ -318,20 +318,22 @@ fn motion(machine: &mut Machine, state: &mut State, block: &Block, words: &Words
     let at = b"xzuw".iter().find(|letter| block.has(**letter)).map_or(0, |letter| block.at(*letter));
     let Some(to) = target(machine, block)? else {
         return match code {
-            Some(20 | 30) if block.has_any(b"ikr") => cut_arc(machine, block, machine.at, code == Some(20), sink),
+            Some(20 | 30) if block.has_any(const { mask(b"ikr") }) => {
+                cut_arc(machine, block, machine.at, code == Some(20), sink)
+            }
             _ => Ok(()),
         };
     };
     match code {
         Some(0) => machine.go(to, None, at, sink),
         Some(10) => {
-            let feed = feed_of(machine, block, 0.0, at)?;
+            let feed = feed_of(machine, block, || 0.0, at)?;
             machine.go(to, Some(feed), at, sink)
         }
         Some(20 | 30) => cut_arc(machine, block, to, code == Some(20), sink),
         _ => cut_box(machine, state, block, to, code == Some(900), sink),
     }?;
-    if [b"xu", b"zw"].iter().all(|letters| block.has_any(*letters)) && block.has(b'x') && block.has(b'z') {
+    if [b"xu", b"zw"].iter().all(|letters| block.has_any(mask(*letters))) && block.has(b'x') && block.has(b'z') {
         machine.lost = false;
     }
     Ok(())
@@ -362,7 +364,7 @@ fn cut_arc(machine: &mut Machine, block: &Block, to: [f64; 4], clockwise: bool, 
         }
         Err(message) => return fault(at, message),
     };
-    let feed = feed_of(machine, block, 0.0, at)?;
+    let feed = feed_of(machine, block, || 0.0, at)?;
     let kind = Kind::Arc {
         to: Place::of(machine.in_machine(to)),
         plane: Plane::Zx,
@@ -386,7 +388,7 @@ fn cut_box(
     sink: Sink<'_>,
 ) -> Read<()> {
     for (place, (axis, letters)) in state.box_to.iter_mut().zip([(0, b"xu"), (2, b"zw")]) {
-        if block.has_any(letters) {
+        if block.has_any(mask(letters)) {
             *place = Some(to[axis]);
         }
     }
@@ -397,7 +399,7 @@ fn cut_box(
         return fault(0, "G90 and G94 need both axes in their first line");
     };
     let start = machine.at;
-    let feed = Some(feed_of(machine, block, 0.0, 0)?);
+    let feed = Some(feed_of(machine, block, || 0.0, 0)?);
     let place = |x: f64, z: f64| [x, start[1], z, start[3]];
     let (first, second, third) = if along {
         (place(x + state.box_taper, start[2]), place(x, z), place(start[0], z))

@@ -1,6 +1,6 @@
 //! What a Fanuc's lines share.
 
-use crate::block::Block;
+use crate::block::{Block, mask};
 use crate::finding::{Read, fault};
 use crate::machine::Machine;
 
@@ -35,5 +35,5 @@ pub(crate) fn target(machine: &Machine, block: &Block) -> Read<Option<[f64; 4]>>
             (None, None) => {}
         }
     }
-    Ok(block.has_any(b"xzuw").then_some(to))
+    Ok(block.has_any(const { mask(b"xzuw") }).then_some(to))
 }
