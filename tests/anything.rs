@@ -124,6 +124,11 @@ fn corpus(name: &str) -> Vec<Vec<u8>> {
             // The payloads of recordings, without header and checksums.
             recordings().iter().map(|file| payloads(file)).collect()
         }
+        "gcode" => {
+            let programs = ["modes", "arcs", "offsets", "expressions", "flow", "spindle", "text", "shaft"];
+            let read = |name: &str| fs::read(format!("{ROOT}/protocol/gcode/tests/programs/{name}.ngc")).unwrap();
+            programs.into_iter().map(read).collect()
+        }
         "motion_program" => texts(&[
             "p0 k5 x2\nx10 t2\np5 k0 x2\ne\n",
             "p0 k-5 x-2\nx-10 t2 # back\np-5 k0 x-2\n\nx0 t0.5\ne\n",
@@ -337,7 +342,7 @@ macro_rules! entries {
 
 entries! {
     rig_file place scenario_file fault_file program csv variation sweep_rows quantity request to_board from_board trace
-    trace_blocks motion_program servo_commands lathe_bytes
+    trace_blocks motion_program servo_commands lathe_bytes gcode
 }
 
 #[test]

@@ -13,6 +13,7 @@ use torno::rig::place;
 use torno::scenario::{Scenario, ScenarioError};
 use torno::sweep::{self, Grid, Run, Shard, SweepError, Variation};
 use torno_bus::Names;
+use torno_gcode::{Dialect, Interpreter, Kind, Settings, interpret};
 use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{
     DepthSubFrame, Frame, Program, ProgramError, Reply, ReplyDecoder, SpindleSubFrame, TransverseSubFrame,
@@ -29,7 +30,7 @@ use torno_trace::{Damage, Writer, analyser};
 type Entry = (&'static str, fn(&[u8]));
 
 /// All of them. A fuzz target has the same name.
-pub(crate) const ENTRIES: [Entry; 17] = [
+pub(crate) const ENTRIES: [Entry; 18] = [
     ("rig_file", rig_file),
     ("place", place_in_a_rig),
     ("scenario_file", scenario_file),
@@ -47,6 +48,7 @@ pub(crate) const ENTRIES: [Entry; 17] = [
     ("motion_program", motion_program),
     ("servo_commands", servo_commands),
     ("lathe_bytes", lathe_bytes),
+    ("gcode", gcode),
 ];
 
 /// Holds these bytes against the entry of that name.
@@ -388,4 +390,29 @@ fn lathe_bytes(bytes: &[u8]) {
     let sent: Vec<u8> = replies.iter().flat_map(|reply| reply.emit()).collect();
     assert!(bytes.starts_with(&sent) && bytes.len() - sent.len() < 3, "{replies:?}");
     assert!(replies.iter().all(|reply| !reply.code().is_empty() && !reply.to_string().is_empty()));
+}
+
+/// A program of either dialect, whole and byte by byte.
+fn gcode(bytes: &[u8]) {
+    let text = text(bytes).replace("\r\n", "\n").replace('\r', "\n");
+    let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
+    for dialect in [Dialect::LinuxCnc, Dialect::Fanuc] {
+        let settings = Settings { dialect: Some(dialect), steps_max: 2_000, ..Settings::default() };
+        let (motions, outcome) = interpret(bytes, &settings);
+        for finding in &outcome.findings {
+            assert!(is_in(text, finding.line, finding.column), "{finding:?} in {text:?}");
+            assert!(!finding.message.is_empty());
+        }
+        assert_eq!(motions.len() as u64, outcome.motions, "{text:?}");
+        for (nth, motion) in (1..).zip(&motions) {
+            assert_eq!(motion.to_string().parse().as_ref(), Ok(motion), "{text:?}");
+            assert_eq!(motion.kind == Kind::End, nth == motions.len(), "{text:?}");
+        }
+        let mut again = Vec::new();
+        let mut sink = |motion| again.push(motion);
+        let mut interpreter = Interpreter::new(&settings);
+        bytes.chunks(1).for_each(|byte| interpreter.push(byte, &mut sink));
+        assert_eq!(interpreter.finish(&mut sink), outcome, "{text:?}");
+        assert_eq!(again, motions, "{text:?}");
+    }
 }

@@ -18,6 +18,7 @@ mod errata;
 mod failures;
 mod faults;
 mod foreign;
+mod gcode;
 mod hostile;
 mod identify;
 mod imports;

@@ -5,6 +5,7 @@ mod compare;
 mod ctl;
 mod diff;
 mod exit;
+mod gcode;
 mod identify;
 mod join;
 mod options;
@@ -96,6 +97,8 @@ enum Command {
     Compare(compare::Arguments),
     /// Is the PC program of the servo stand: checks, draws and runs motion programs.
     Servo(servo::Arguments),
+    /// Reads G-code: checks a program, prints the motions that it asks for.
+    Gcode(gcode::Arguments),
     /// Prints a recorded trace as a bus analyser would, or exports it.
     Trace(trace::Arguments),
     /// Lets a recorded session happen again, and checks that the same comes of it.
@@ -148,6 +151,7 @@ fn run(started: Instant) -> ExitCode {
             Command::Tune(arguments) => arguments.run().await,
             Command::Compare(arguments) => arguments.run().await,
             Command::Servo(arguments) => arguments.run().await,
+            Command::Gcode(arguments) => arguments.run(),
             Command::Trace(arguments) => arguments.run(),
             Command::Replay(arguments) => arguments.run(started).await,
             Command::Diff(arguments) => arguments.run(),

@@ -35,6 +35,18 @@ impl Bar {
         Self { bar, wall: std::time::Instant::now() }
     }
 
+    /// A bar for a file of so many bytes.
+    #[expect(clippy::disallowed_methods, reason = "a bar shows wall time")]
+    pub fn of_bytes(bytes: u64) -> Self {
+        let bar = drawn(ProgressBar::new(bytes), "{bytes} of {total_bytes} {bar:32.cyan/blue}");
+        Self { bar, wall: std::time::Instant::now() }
+    }
+
+    /// So many are done.
+    pub fn reach(&self, done: u64) {
+        self.bar.set_position(done);
+    }
+
     /// One more scenario is done.
     pub fn count(&self) {
         if self.bar.is_hidden() {
