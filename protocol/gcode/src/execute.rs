@@ -341,15 +341,16 @@ fn shift(machine: &mut Machine, block: &Block, code: Option<u16>) {
 /// Where a line ends, in the program's coordinates.
 #[inline]
 fn end_of(machine: &Machine, block: &Block, of_machine: bool) -> [f64; 4] {
-    core::array::from_fn(|axis| {
-        let here = machine.at[axis];
+    let mut to = machine.at;
+    for (axis, place) in to.iter_mut().enumerate() {
         match machine.axis_word(block, axis) {
-            None => here,
-            Some(value) if of_machine => value - machine.offset(axis),
-            Some(value) if machine.absolute => value,
-            Some(value) => here + value,
+            None => {}
+            Some(value) if of_machine => *place = value - machine.offset(axis),
+            Some(value) if machine.absolute => *place = value,
+            Some(value) => *place += value,
         }
-    })
+    }
+    to
 }
 
 #[inline]

@@ -70,9 +70,12 @@ impl Operator {
 /// A value at the cursor.
 #[inline]
 pub(crate) fn value<V: Variables>(cursor: &mut Cursor<'_>, variables: &V) -> Read<f64> {
-    match cursor.peek() {
+    let byte = cursor.peek();
+    let behind_sign = || matches!(cursor.line.get(cursor.at + 1), Some(b'0'..=b'9' | b'.'));
+    match byte {
         // Nearly all are plain numbers.
         b'0'..=b'9' | b'.' => cursor.number(),
+        b'-' if behind_sign() => cursor.number(),
         _ => Reader { cursor, variables, depth: 0 }.value(),
     }
 }

@@ -92,6 +92,46 @@ const TENS: [f64; 23] = [
     1e21, 1e22,
 ];
 
+/// Reads digits onto a number; gives the place behind them. What gets too large is read again by the caller.
+#[inline]
+fn digits(line: &[u8], mut at: usize, mantissa: &mut u64) -> usize {
+    // Eight at a time, while there are as many bytes.
+    while let Some(eight) = line.get(at..).and_then(|rest| rest.first_chunk::<8>()) {
+        let (value, count) = eight_digits(*eight);
+        *mantissa = mantissa.wrapping_mul(WHOLE_TENS[count]).wrapping_add(value);
+        at += count;
+        if count < 8 {
+            return at;
+        }
+    }
+    while let Some(digit) = line.get(at).map(|byte| byte.wrapping_sub(b'0')).filter(|digit| *digit < 10) {
+        *mantissa = mantissa.wrapping_mul(10).wrapping_add(u64::from(digit));
+        at += 1;
+    }
+    at
+}
+
+/// The number that these bytes begin with, and how many digits it has.
+#[inline]
+const fn eight_digits(bytes: [u8; 8]) -> (u64, usize) {
+    const ONES: u64 = u64::from_ne_bytes([1; 8]);
+    // A digit becomes its value; what is no digit has its high bit set below.
+    let values = u64::from_le_bytes(bytes) ^ (ONES * 0x30);
+    let others = (((values & (ONES * 0x7f)) + ONES * 0x76) | values) & (ONES * 0x80);
+    let count = others.trailing_zeros() as usize / 8;
+    if count == 0 {
+        return (0, 0);
+    }
+    // Zeros in front make it eight digits; pairs, fours and eight of them are put together.
+    let eight = values << (64 - 8 * count);
+    let pairs = (eight.wrapping_mul(10 * 256 + 1) >> 8) & 0x00ff_00ff_00ff_00ff;
+    let fours = (pairs.wrapping_mul(100 * 65_536 + 1) >> 16) & 0x0000_ffff_0000_ffff;
+    (fours.wrapping_mul((10_000 << 32) + 1) >> 32, count)
+}
+
+/// Powers of ten for up to eight digits.
+const WHOLE_TENS: [u64; 9] = [1, 10, 100, 1_000, 10_000, 100_000, 1_000_000, 10_000_000, 100_000_000];
+
 /// Up to here, each whole number is a float.
 const EXACT: u64 = 1 << 53;
 
@@ -153,41 +193,53 @@ impl<'a> Cursor<'a> {
     #[inline]
     pub(crate) fn number(&mut self) -> Read<f64> {
         let first = self.peek();
-        let start = self.at;
-        let negative = first == b'-';
-        self.at += usize::from(negative || first == b'+');
-        let (mut digits, mut fraction, mut mantissa) = (0_usize, 0_usize, 0_u64);
-        let mut point = false;
+        let line = self.line;
+        let start = self.at + usize::from(matches!(first, b'-' | b'+'));
+        let mut mantissa = 0;
+        let mut at = digits(line, start, &mut mantissa);
+        let mut count = at - start;
+        let mut fraction = 0;
+        if line.get(at) == Some(&b'.') {
+            let point = at + 1;
+            at = digits(line, point, &mut mantissa);
+            fraction = at - point;
+            count += fraction;
+        }
+        let value = if (1..=18).contains(&count) && mantissa <= EXACT && !self.goes_on(at) {
+            self.at = at;
+            mantissa as f64 / TENS[fraction]
+        } else {
+            self.long_number(start)?
+        };
+        Ok(if first == b'-' { -value } else { value })
+    }
+
+    /// Whether a number goes on behind a blank.
+    #[inline]
+    fn goes_on(&self, at: usize) -> bool {
+        let Some(b' ' | b'\t') = self.line.get(at) else { return false };
+        let next = self.line[at..].iter().find(|byte| !matches!(byte, b' ' | b'\t'));
+        matches!(next, Some(b'0'..=b'9' | b'.'))
+    }
+
+    /// A number of many digits or with blanks in it, without its sign.
+    #[cold]
+    fn long_number(&mut self, start: usize) -> Read<f64> {
+        let mut text = String::new();
+        self.at = start;
         while let Some(byte) = self.line.get(self.at) {
             match byte {
-                b'0'..=b'9' => {
-                    digits += 1;
-                    fraction += usize::from(point);
-                    // What is too large here is read again, digit by digit, below.
-                    mantissa = mantissa.wrapping_mul(10).wrapping_add(u64::from(byte - b'0'));
-                }
-                b'.' if !point => point = true,
+                b'0'..=b'9' => text.push(char::from(*byte)),
+                b'.' if !text.contains('.') => text.push('.'),
                 b' ' | b'\t' => {}
                 _ => break,
             }
             self.at += 1;
         }
-        if digits == 0 {
+        if !text.bytes().any(|byte| byte.is_ascii_digit()) {
             return fault(start, format!("expected a number, found {}", self.found()));
         }
-        let value = if digits <= 18 && mantissa <= EXACT && fraction < TENS.len() {
-            mantissa as f64 / TENS[fraction]
-        } else {
-            self.long_number(start)
-        };
-        Ok(if negative { -value } else { value })
-    }
-
-    /// A number of many digits, without its sign.
-    fn long_number(&self, start: usize) -> f64 {
-        let kept = |byte: &&u8| byte.is_ascii_digit() || **byte == b'.';
-        let text: String = self.line[start..self.at].iter().filter(kept).map(|byte| char::from(*byte)).collect();
-        text.parse().unwrap_or(f64::INFINITY)
+        Ok(text.parse().unwrap_or(f64::INFINITY))
     }
 
     /// Goes past a comment in parentheses, behind its first parenthesis.
@@ -251,6 +303,12 @@ mod tests {
             let mut cursor = Cursor::new(text.as_bytes());
             assert_eq!(cursor.number().unwrap().to_bits(), plain.to_bits(), "{text}");
             assert_eq!(cursor.at, text.len());
+        }
+        for n in (0..2_000_000_u64).step_by(17) {
+            let value = n * 49_999_999;
+            let text = format!("{value}.{n}/");
+            let plain: f64 = text[..text.len() - 1].parse().unwrap();
+            assert_eq!(Cursor::new(text.as_bytes()).number().unwrap().to_bits(), plain.to_bits(), "{text}");
         }
         for text in ["", "-", ".", "+.", "x", "e5"] {
             assert!(Cursor::new(text.as_bytes()).number().is_err(), "{text}");

@@ -133,8 +133,9 @@ impl Machine {
     }
 
     #[inline]
-    pub(crate) fn in_machine(&self, place: [f64; 4]) -> [f64; 4] {
-        core::array::from_fn(|axis| place[axis] + self.offsets[axis])
+    pub(crate) const fn in_machine(&self, [x, y, z, a]: [f64; 4]) -> [f64; 4] {
+        let [of_x, of_y, of_z, of_a] = self.offsets;
+        [x + of_x, y + of_y, z + of_z, a + of_a]
     }
 
     /// An axis word in mm, X as a radius; degrees for A.
