@@ -242,10 +242,12 @@ impl Play {
         let mut steps = 0;
         // Everything before this has happened.
         let mut reached = Instant::START;
+        // Fixed until it has been reached: a host that falls behind must get to where it notices that.
+        let mut allowed = session.allowed();
         let (ended, until) = loop {
             let deadline = player.deadline(&session, self.patience);
             let slice = self.slice.map(|slice| reached + slice);
-            let mut limit = session.allowed().earlier(Some(deadline)).earlier(slice);
+            let mut limit = allowed.earlier(Some(deadline)).earlier(slice);
             if !self.faults.is_empty() {
                 // No further than to where the play can end: what comes after that must not count.
                 let end = session.active_until().next().min(reached + AFTER.min(self.patience));
@@ -273,6 +275,7 @@ impl Play {
                 break (if player.over.is_some() { Ended::Over } else { Ended::OutOfPatience }, reached);
             }
             if session.pace() == Pace::Max {
+                allowed = session.allowed();
                 continue;
             }
             let next = session.rig().engine().next_instant().min(quiet.unwrap_or(deadline));
@@ -288,6 +291,7 @@ impl Play {
                 () = &mut interrupted => break (Ended::Interrupted, session.allowed().until),
                 waited = session.wait(next) => waited?,
             }
+            allowed = session.allowed();
         };
         session.reach_end(until, |happened| drop(player.take(happened))).await?;
         progress(player.progress());
