@@ -4,6 +4,7 @@
 
 use std::collections::VecDeque;
 use std::io;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
@@ -43,6 +44,8 @@ pub(super) struct Desk {
     began: bool,
     /// Whether a client has set the line, and nobody has been told.
     set: bool,
+    /// Whether the thread knows that it is to ask again who is there.
+    called: bool,
     failed: Option<io::Error>,
 }
 
@@ -50,7 +53,7 @@ impl Desk {
     pub(super) fn new(clients: Clients, pty: Pty) -> io::Result<Desk> {
         pty.order().watch(clients.notices(), Mark::Noticed)?;
         let queue = VecDeque::new();
-        Ok(Desk { clients, pty, queue, left: 0, older: 0, began: false, set: false, failed: None })
+        Ok(Desk { clients, pty, queue, left: 0, older: 0, began: false, set: false, called: false, failed: None })
     }
 
     /// The next event, if it is there already. Data only if they were written at `baud`, if that is given.
@@ -141,6 +144,7 @@ impl Desk {
 
     /// Makes sure that nobody is there.
     fn ask_again(&mut self) -> io::Result<bool> {
+        self.called = false;
         self.clients.ask_again();
         self.attend()
     }
@@ -215,7 +219,7 @@ fn bytes(event: &PortEvent) -> usize {
 #[derive(Debug)]
 pub(super) struct Attendant {
     shared: Arc<Shared>,
-    stop: Arc<OwnedFd>,
+    call: Arc<OwnedFd>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -224,6 +228,8 @@ struct Shared {
     desk: Mutex<Desk>,
     /// Told whenever the thread has taken something in.
     news: Notify,
+    /// The thread is to end.
+    over: AtomicBool,
 }
 
 impl Shared {
@@ -235,16 +241,34 @@ impl Shared {
 impl Attendant {
     pub(super) fn start(desk: Desk) -> io::Result<Attendant> {
         let order = desk.pty.order().descriptor()?;
-        let stop = Arc::new(eventfd(0, EventfdFlags::CLOEXEC)?);
-        let shared = Arc::new(Shared { desk: Mutex::new(desk), news: Notify::new() });
-        let (for_thread, stopped) = (Arc::clone(&shared), Arc::clone(&stop));
+        let call = Arc::new(eventfd(0, EventfdFlags::CLOEXEC)?);
+        let shared = Arc::new(Shared { desk: Mutex::new(desk), news: Notify::new(), over: AtomicBool::new(false) });
+        let (for_thread, called) = (Arc::clone(&shared), Arc::clone(&call));
         let thread = thread::Builder::new().name("port".to_owned());
-        let thread = thread.spawn(move || attend_to(&for_thread, &order, &stopped))?;
-        Ok(Attendant { shared, stop, thread: Some(thread) })
+        let thread = thread.spawn(move || attend_to(&for_thread, &order, &called))?;
+        Ok(Attendant { shared, call, thread: Some(thread) })
     }
 
     pub(super) fn desk(&self) -> MutexGuard<'_, Desk> {
         self.shared.desk()
+    }
+
+    /// The next event, as [there](Desk::event).
+    pub(super) fn event(&self, max: usize, baud: Option<u32>) -> io::Result<Option<PortEvent>> {
+        let mut desk = self.desk();
+        let event = desk.event(max, baud);
+        // Only the thread can wait for it to be time to ask again.
+        let is_unsure = desk.clients.is_unsure();
+        if is_unsure && !core::mem::replace(&mut desk.called, is_unsure) {
+            self.call();
+        }
+        event
+    }
+
+    /// Has the thread attend to the port.
+    fn call(&self) {
+        // It fails only if the thread has been called so often that it comes anyway.
+        let _ = rustix::io::write(&*self.call, &1_u64.to_ne_bytes());
     }
 
     /// Waits until there may be an event. Cancel-safe.
@@ -256,23 +280,29 @@ impl Attendant {
 impl Drop for Attendant {
     fn drop(&mut self) {
         // The thread ends as well if it has failed. The pty goes only with it.
-        let _ = rustix::io::write(&*self.stop, &1_u64.to_ne_bytes());
+        self.shared.over.store(true, Ordering::Release);
+        self.call();
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
     }
 }
 
-fn attend_to(shared: &Shared, order: &OwnedFd, stop: &OwnedFd) {
+fn attend_to(shared: &Shared, order: &OwnedFd, call: &OwnedFd) {
     let (mut more, mut unsure) = (false, false);
     loop {
         let wait = if more { Some(Duration::ZERO) } else { unsure.then_some(ASKED_AGAIN) };
-        let waited = order::wait(order, stop, wait);
+        let waited = order::wait(order, call, wait);
         let mut desk = shared.desk();
         let looked = match waited {
-            Ok(Waited::Stopped) => return,
+            Ok(Waited::Called) if shared.over.load(Ordering::Acquire) => return,
             Ok(Waited::InVain) if unsure => desk.ask_again(),
-            Ok(_) => desk.attend(),
+            Ok(waited) => {
+                if waited == Waited::Called {
+                    let _ = rustix::io::read(call, &mut [0u8; 8]);
+                }
+                desk.attend()
+            }
             Err(errno) => Err(errno.into()),
         };
         unsure = desk.clients.is_unsure();

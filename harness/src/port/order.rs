@@ -78,18 +78,18 @@ pub(super) enum Waited {
     Marked,
     /// There are none, after all the time given.
     InVain,
-    /// The port is to be attended to no more.
-    Stopped,
+    /// Somebody has called.
+    Called,
 }
 
-/// Waits until there are marks to take, or `stop` can be read, for as long as `most` if that is given.
-pub(super) fn wait(order: &OwnedFd, stop: &OwnedFd, most: Option<Duration>) -> rustix::io::Result<Waited> {
+/// Waits until there are marks to take, or `call` can be read, for as long as `most` if that is given.
+pub(super) fn wait(order: &OwnedFd, call: &OwnedFd, most: Option<Duration>) -> rustix::io::Result<Waited> {
     let most = most.map(|most| Timespec { tv_sec: 0, tv_nsec: most.subsec_nanos().into() });
-    let mut polled = [PollFd::new(order, PollFlags::IN), PollFd::new(stop, PollFlags::IN)];
+    let mut polled = [PollFd::new(order, PollFlags::IN), PollFd::new(call, PollFlags::IN)];
     retry_on_intr(|| poll(&mut polled, most.as_ref()))?;
-    let [order, stop] = polled.map(|polled| !polled.revents().is_empty());
-    Ok(if stop {
-        Waited::Stopped
+    let [order, call] = polled.map(|polled| !polled.revents().is_empty());
+    Ok(if call {
+        Waited::Called
     } else if order {
         Waited::Marked
     } else {

@@ -105,7 +105,7 @@ impl PcPort {
     ///
     /// As there.
     pub fn try_event(&mut self, max: usize, baud: Option<u32>) -> io::Result<Option<PortEvent>> {
-        self.attendant.desk().event(max, baud)
+        self.attendant.event(max, baud)
     }
 
     /// Writes replies towards the client without waiting; XON and XOFF among them act on a client that has IXON on.
