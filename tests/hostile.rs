@@ -47,15 +47,15 @@ fn client(up: &Up, baud: u32) -> Pc {
 /// The rig still does what it is for.
 fn works(up: &Up) {
     let mut pc = client(up, 9_600);
+    pc.port.set_timeout(Duration::from_secs(2)).unwrap();
     let start = Instant::now();
     let mut executes = || {
         // The silence after which the master listens again.
         thread::sleep(Duration::from_millis(200));
         pc.port.clear(ClearBuffer::Input).unwrap();
-        pc.write(&AT_REST);
-        pc.port.set_timeout(Duration::from_secs(2)).unwrap();
         let mut replies = [0; 2];
-        pc.port.read_exact(&mut replies).is_ok() && replies == [ACK, XON]
+        // There may be no room, while much is left to be sent.
+        pc.port.write_all(&AT_REST).and_then(|()| pc.port.read_exact(&mut replies)).is_ok() && replies == [ACK, XON]
     };
     // What clients have left is sent first.
     let patience = Duration::from_secs(size(60, 1_800) as u64);
@@ -81,7 +81,7 @@ fn noise(up: &Up, mut goes_on: impl FnMut(usize) -> bool) -> (usize, usize) {
         }
     });
     let (mut random, mut bytes, mut written) = (ChaCha8Rng::seed_from_u64(12), [0; 1024], 0);
-    pc.port.set_timeout(Duration::from_secs(60)).unwrap();
+    pc.port.set_timeout(Duration::from_secs(600)).unwrap();
     while goes_on(written) {
         random.fill_bytes(&mut bytes);
         pc.port.write_all(&bytes).unwrap();

@@ -20,7 +20,7 @@ use super::{LineSettings, PortEvent};
 
 /// So many bytes are taken from a client before they are wanted, as by a serial driver: for these it is known at which
 /// speed they were written, and whether a flush is for them. Others stay in the kernel.
-const AHEAD: usize = 1024;
+const AHEAD: usize = 256;
 /// So many are taken if they have to leave the kernel at once: what it holds, several times.
 const MOST: usize = 1 << 16;
 /// So often the port is looked at in a row, if there is always something new.

@@ -40,11 +40,11 @@ async fn all_that_waits_is_of_the_old_speed_even_if_the_port_is_late() {
     let mut bench = Bench::new();
     let client = bench.client().await;
     // More than the port takes before it is wanted.
-    client.write(&[b'o'; 5_000]).unwrap();
-    bench.arrived(5_000).await;
+    client.write(&[b'o'; 4_300]).unwrap();
+    bench.arrived(4_300).await;
     unnoticed(&bench.port, || client.set(|termios| termios.set_speed(19_200).unwrap()));
-    let old = all_data(&mut bench, 5_000).await;
-    assert_eq!(old, [(RIG_BAUD, 5_000)]);
+    let old = all_data(&mut bench, 4_300).await;
+    assert_eq!(old, [(RIG_BAUD, 4_300)]);
     unnoticed(&bench.port, || {
         client.set(|termios| termios.set_speed(38_400).unwrap());
         client.write(b"new").unwrap();
