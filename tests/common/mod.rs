@@ -133,8 +133,10 @@ impl Up {
     /// `torno up --json` with more arguments, in a folder of its own; waits until it is ready.
     pub(crate) fn start(arguments: &[&str]) -> Self {
         let folder = folder();
-        let mut command = torno(&["up", "--json", "--link", folder.path().join("pc").to_str().unwrap()]);
-        command.args(arguments);
+        // Where the tests run under nohup, a hangup would be ignored.
+        let mut command = Command::new("env");
+        command.args(["--default-signal=HUP", "-u", "RUST_LOG", env!("CARGO_BIN_EXE_torno"), "up", "--json", "--link"]);
+        command.arg(folder.path().join("pc")).args(arguments).stdin(Stdio::null());
         Self::launch(command, folder)
     }
 
