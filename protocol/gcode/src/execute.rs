@@ -380,6 +380,25 @@ fn move_by(machine: &mut Machine, block: &Block, code: u16, of_machine: bool, si
     Ok(())
 }
 
+/// The centre that has been found for an arc to `to`, if that lies within reach; None if it follows from an error that
+/// has been told, so that the machine takes itself to be there.
+pub(crate) fn centre_for(
+    machine: &mut Machine,
+    to: [f64; 4],
+    found: Result<[f64; 2], String>,
+    at: usize,
+) -> Read<Option<[f64; 2]>> {
+    match found {
+        Ok(centre) if Machine::is_near(&centre) && Machine::is_near(&machine.in_machine(to)) => Ok(Some(centre)),
+        Ok(_) => fault(at, "the arc is too far from zero"),
+        Err(_) if machine.lost => {
+            machine.at = to;
+            Ok(None)
+        }
+        Err(message) => fault(at, message),
+    }
+}
+
 /// The feed of a cut of this length.
 #[inline]
 pub(crate) fn feed_of(machine: &Machine, block: &Block, length: impl FnOnce() -> f64, at: usize) -> Read<Feed> {
@@ -443,16 +462,7 @@ fn turn_by(machine: &mut Machine, block: &Block, turn: Turn, to: [f64; 4], sink:
             arc::check(from, end, centre, machine.unit != 1.0).map(|()| centre)
         }
     };
-    let centre = match centre {
-        Ok(centre) if Machine::is_near(&centre) && Machine::is_near(&machine.in_machine(to)) => centre,
-        Ok(_) => return fault(at, "the arc is too far from zero"),
-        // It follows from an error that has been told.
-        Err(_) if machine.lost => {
-            machine.at = to;
-            return Ok(());
-        }
-        Err(message) => return fault(at, message),
-    };
+    let Some(centre) = centre_for(machine, to, centre, at)? else { return Ok(()) };
     let path = || {
         let round = arc::length(from, end, centre, turn, turns);
         libm::hypot(round, to[across] - machine.at[across])

@@ -355,11 +355,7 @@ impl Program {
         }
         let mut nth = 0;
         while nth < text.ends.len() && !self.done {
-            let line = text.line(nth);
-            self.machine.line = text.first + nth;
-            if !self.may_step(line) {
-                return;
-            }
+            let Some(line) = self.step_to(&text, nth) else { return };
             nth += 1;
             match self.block.read(line, &self.machine, self.settings.skip_deleted) {
                 Ok(Content::Nothing) => {}
@@ -378,6 +374,13 @@ impl Program {
                 Err(fault) => self.refuse_line(line, &fault),
             }
         }
+    }
+
+    /// Goes to a line of a text that is kept, if it [may be executed](Self::may_step).
+    fn step_to<'t>(&mut self, text: &'t Text, nth: usize) -> Option<&'t [u8]> {
+        let line = text.line(nth);
+        self.machine.line = text.first + nth;
+        self.may_step(line).then_some(line)
     }
 
     /// Counts a line of a text that is kept; tells if there are too many.
@@ -399,11 +402,7 @@ impl Program {
         let mut calls: Vec<(usize, usize, u32)> = Vec::new();
         let mut nth = 0;
         while nth < text.ends.len() && !self.done {
-            let line = text.line(nth);
-            self.machine.line = text.first + nth;
-            if !self.may_step(line) {
-                return;
-            }
+            let Some(line) = self.step_to(text, nth) else { return };
             nth += 1;
             let next = match self.block.read(line, &self.machine, self.settings.skip_deleted) {
                 Ok(Content::Nothing) => continue,

@@ -13,7 +13,7 @@ pub(crate) use state::State;
 use crate::arc;
 use crate::block::{Block, Code, mask};
 use crate::canon::{Kind, Place, Plane, Sense, Turn};
-use crate::execute::{feed_of, whole};
+use crate::execute::{centre_for, feed_of, whole};
 use crate::fanuc::state::target;
 use crate::finding::{Read, fault};
 use crate::machine::{FeedMode, Machine, Sink};
@@ -355,15 +355,7 @@ fn cut_arc(machine: &mut Machine, block: &Block, to: [f64; 4], clockwise: bool, 
             arc::check(from, end, centre, machine.unit != 1.0).map(|()| centre)
         }
     };
-    let centre = match centre {
-        Ok(centre) if Machine::is_near(&centre) && Machine::is_near(&machine.in_machine(to)) => centre,
-        Ok(_) => return fault(at, "the arc is too far from zero"),
-        Err(_) if machine.lost => {
-            machine.at = to;
-            return Ok(());
-        }
-        Err(message) => return fault(at, message),
-    };
+    let Some(centre) = centre_for(machine, to, centre, at)? else { return Ok(()) };
     let feed = feed_of(machine, block, || 0.0, at)?;
     let kind = Kind::Arc {
         to: Place::of(machine.in_machine(to)),
