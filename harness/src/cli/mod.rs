@@ -44,7 +44,7 @@ use torno_trace::{Damage, Header, Trace};
 
 use exit::{FAILED, INTERRUPTED, USAGE};
 use join::wait_for_boards;
-use output::{OutputFile, colour, draw, is_output, print, print_beside, print_result, print_text, write_file};
+use output::{OutputFile, colour, draw, print, print_beside, print_result, print_text, write_file, written};
 
 /// A command needs room for so many open files before it does anything.
 const FILES: usize = 8;

@@ -5,9 +5,11 @@ use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
+use anstream::adapter::strip_str;
 use anstream::{AutoStream, ColorChoice};
 use anyhow::Context;
 use serde::Serialize;
+use torno::observe::stderr::say;
 use torno_plot::{Colours, Figure, Format};
 
 /// A result on standard output, as it is.
@@ -22,7 +24,22 @@ pub(super) fn print_text(text: &impl Display) -> anyhow::Result<()> {
 
 /// A result on standard output: as one line of JSON, or for people.
 pub(super) fn print_result(json: bool, result: &(impl Serialize + Display)) -> anyhow::Result<()> {
-    if json { print(&(serde_json::to_string(result)? + "\n")) } else { print_text(result) }
+    print_text(&written(json, result)?)
+}
+
+/// A result as one line of JSON, or for people.
+pub(super) fn written(json: bool, result: &(impl Serialize + Display)) -> anyhow::Result<String> {
+    Ok(if json { serde_json::to_string(result)? + "\n" } else { result.to_string() })
+}
+
+/// A result on standard output, or on standard error if one of `files` is standard output.
+pub(super) fn print_beside(files: &[&Option<PathBuf>], text: &str) -> anyhow::Result<()> {
+    if !files.iter().any(|file| file.as_deref().is_some_and(is_output)) {
+        return print_text(&text);
+    }
+    let colour = AutoStream::choice(&io::stderr()) != ColorChoice::Never;
+    say(&if colour { text.to_owned() } else { strip_str(text).to_string() });
+    Ok(())
 }
 
 /// That nobody reads it is no error.
@@ -31,19 +48,6 @@ fn put(mut output: impl Write, bytes: &[u8]) -> anyhow::Result<()> {
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
         written => written.context("cannot write the result"),
     }
-}
-
-/// The same, but on standard error if one of `files` is standard output.
-pub(super) fn print_beside(
-    files: &[&Option<PathBuf>],
-    json: bool,
-    result: &(impl Serialize + Display),
-) -> anyhow::Result<()> {
-    if !files.iter().any(|file| file.as_deref().is_some_and(is_output)) {
-        return print_result(json, result);
-    }
-    let text = if json { serde_json::to_string(result)? + "\n" } else { result.to_string() };
-    put(anstream::stderr().lock(), text.as_bytes())
 }
 
 /// The name that stands for standard output.

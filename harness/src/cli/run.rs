@@ -22,7 +22,7 @@ use tracing::Instrument;
 use super::options::{Placement, drawing, time, timescale};
 use super::{
     FAILED, INTERRUPTED, Interrupt, OutputFile, load_program, load_rig, print_beside, rig_and_program, rig_span,
-    start_recording, wait_for_boards,
+    start_recording, wait_for_boards, written,
 };
 
 #[derive(Debug, clap::Args)]
@@ -155,7 +155,7 @@ impl Arguments {
         if let (Some(file), Some(trace)) = (report, trace) {
             file.write(Page { trace: &trace, summary: Some(&summary), cut: cut.as_ref() }.html())?;
         }
-        print_beside(&[&self.vcd, &self.part, &self.report], self.json, &summary)?;
+        print_beside(&[&self.vcd, &self.part, &self.report], &written(self.json, &summary)?)?;
         Ok(code)
     }
 }

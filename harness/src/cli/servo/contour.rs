@@ -4,11 +4,10 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use serde_json::json;
-use torno::observe::stderr::say;
 use torno::servo::contour::{self, Contour};
 use torno_servo::contour::{Shape, Task};
 
-use super::{Paint, RIG, draw, is_output, load_rig, print};
+use super::{Paint, RIG, draw, load_rig, print_beside};
 use crate::cli::options::{picture, time};
 
 /// A path.
@@ -111,11 +110,7 @@ impl Arguments {
         } else {
             contours.iter().map(Contour::text).collect()
         };
-        if self.plot.as_deref().is_some_and(is_output) {
-            say(&text)
-        } else {
-            print(&text)?
-        }
+        print_beside(&[&self.plot], &text)?;
         Ok(ExitCode::SUCCESS)
     }
 }

@@ -20,8 +20,8 @@ use torno_servo::{Compiled, Finding, Language, Limits, Severity, compile};
 
 use super::options::picture;
 use super::{
-    FAILED, INTERRUPTED, Interrupt, OutputFile, USAGE, draw, is_output, load_rig, print, start_recording, unreadable,
-    write_file,
+    FAILED, INTERRUPTED, Interrupt, OutputFile, USAGE, draw, load_rig, print, print_beside, start_recording,
+    unreadable, write_file,
 };
 
 /// The rig that is meant where no port is named.

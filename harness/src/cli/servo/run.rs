@@ -12,7 +12,7 @@ use torno::servo::controller::parts;
 use torno::servo::{Controller, Ended, Line, Report, RigLine};
 
 use super::{
-    FAILED, INTERRUPTED, Interrupt, OutputFile, Paint, Place, Source, Stand, connected, draw, gains, is_output, print,
+    FAILED, INTERRUPTED, Interrupt, OutputFile, Paint, Place, Source, Stand, connected, draw, gains, print_beside,
     start_recording, write_file,
 };
 use crate::cli::options::{Placement, picture};
@@ -166,13 +166,8 @@ impl Arguments {
         if let Some(path) = &self.csv {
             write_file(path, report.csv())?;
         }
-        let on_output = [&self.plot, &self.csv, &self.report].into_iter().flatten().any(|path| is_output(path));
         let text = if self.json { format!("{}\n", report.json()) } else { report.text() };
-        if on_output {
-            say(&text)
-        } else {
-            print(&text)?
-        }
+        print_beside(&[&self.plot, &self.csv, &self.report], &text)?;
         Ok(match report.ended {
             Ended::Completed => ExitCode::SUCCESS,
             Ended::Early => ExitCode::from(FAILED),
