@@ -617,9 +617,10 @@ impl Engine {
             // It would never end.
             let until = if until.is_never() && unheard_noise { self.frontier } else { until };
             let sure = self.sure_until(line).min(until);
+            let committed = self.nodes[wire.from.node].commit;
             let (before, rest) = self.lines.split_at_mut(line);
             let Some((wire, after)) = rest.split_first_mut() else { break };
-            let passed = wire.pass(sure, |other, at| match other.checked_sub(line + 1) {
+            let passed = wire.pass(sure, committed, |other, at| match other.checked_sub(line + 1) {
                 Some(other) => after[other].driven(at),
                 None => before[other].driven(at),
             });

@@ -33,8 +33,8 @@ pub enum Disturbance {
         seed: u64,
     },
     /// Something happens to one character: the `nth` of those that are committed from when the fault begins on, from 1.
-    /// Of several that meet the same one, that which began first acts first. What happens to it is decided when it is
-    /// committed; it ends when the fault is healed.
+    /// Of several that meet the same one, that which began first acts first; of those that began together, that which
+    /// was asked for first. What happens to it is decided when it is committed; it ends when the fault is healed.
     Character {
         /// Which.
         nth: u64,
@@ -122,6 +122,8 @@ pub(super) enum Passed {
 pub(super) struct Driven {
     level: Level,
     next: Instant,
+    /// Its own wire has handed on everything before this instant.
+    passed: Instant,
 }
 
 /// One wire.
@@ -373,9 +375,14 @@ impl Wire {
         noises.chain([self.next_from(passed, driven)]).min().unwrap_or(Instant::NEVER)
     }
 
-    /// Hands on everything before `sure`, if it is disturbed; `driven` says what drives another wire. Gives the edges,
-    /// if that is news.
-    pub(super) fn pass(&mut self, sure: Instant, driven: impl Fn(LineId, Instant) -> Driven) -> Option<Vec<Edge>> {
+    /// Hands on everything before `sure`, if it is disturbed; every character that is committed before `committed` has
+    /// been carried; `driven` says what drives another wire. Gives the edges, if that is news.
+    pub(super) fn pass(
+        &mut self,
+        sure: Instant,
+        committed: Instant,
+        driven: impl Fn(LineId, Instant) -> Driven,
+    ) -> Option<Vec<Edge>> {
         let passed = self.passed.filter(|passed| *passed < sure)?;
         self.make_noise(sure);
         let mut edges = Vec::new();
@@ -402,7 +409,7 @@ impl Wire {
         let same = self.unsure.pop_if(|last| edges.first().is_some_and(|first| first.at == last.at)).is_some();
         self.unsure.extend_from_slice(&edges[usize::from(same)..]);
         self.passed = Some(reached);
-        self.forget(reached);
+        self.forget(reached, committed, driven);
         (reached > passed || !self.is_disturbed()).then_some(edges)
     }
 
@@ -439,18 +446,23 @@ impl Wire {
     fn next_from(&self, at: Instant, driven: impl Fn(LineId, Instant) -> Driven) -> Instant {
         let forces = self.forces.iter().flat_map(|force| [force.from, force.until]);
         let contacts = self.contacts.iter().flat_map(|contact| [contact.from, contact.until]);
-        let others = self.contacts.iter().map(|contact| driven(contact.other, at).next);
+        let others = self.contacts.iter().filter_map(|contact| {
+            let next = driven(contact.other, at.max(contact.from)).next;
+            (next < contact.until).then_some(next)
+        });
         let known = forces.chain(contacts).filter(|change| *change >= at);
         known.chain(others).chain([self.driven(at).next]).min().unwrap_or(Instant::NEVER)
     }
 
     /// Forgets what lies before `passed`; a wire that is sound again hands characters on as they come.
-    fn forget(&mut self, passed: Instant) {
+    fn forget(&mut self, passed: Instant, committed: Instant, driven: impl Fn(LineId, Instant) -> Driven) {
         // What ends at `passed` has not ended for the receiver yet.
         self.forces.retain(|force| force.until >= passed);
         self.noises.retain(|noise| noise.until >= passed);
-        self.traps.retain(|trap| trap.left > 0 && trap.until > passed);
-        self.contacts.retain(|contact| contact.until >= passed);
+        // A character that is committed before `passed` can have all its edges after it.
+        self.traps.retain(|trap| trap.left > 0 && trap.until > passed.min(committed));
+        // The other wire still looks at what this one drives until it has handed on as much.
+        self.contacts.retain(|contact| contact.until >= passed.min(driven(contact.other, passed).passed));
         let sound = self.forces.is_empty()
             && self.noises.is_empty()
             && self.traps.is_empty()
@@ -475,7 +487,8 @@ impl Wire {
     /// What the sender drives at `at`, and its first change from then on.
     pub(super) fn driven(&self, at: Instant) -> Driven {
         let next = [self.driven.falling_from(at), self.driven.rising_from(at)].into_iter().flatten().min();
-        Driven { level: self.driven.level_at(at), next: next.unwrap_or(Instant::NEVER) }
+        let passed = self.passed.unwrap_or(Instant::NEVER);
+        Driven { level: self.driven.level_at(at), next: next.unwrap_or(Instant::NEVER), passed }
     }
 }
 
@@ -535,12 +548,16 @@ mod tests {
         /// Sends, and gives what is received of it.
         fn received(&mut self, bytes: &[u8]) -> Vec<Character> {
             self.send(bytes);
-            let idle = |_: LineId, _: Instant| Driven { level: Level::High, next: Instant::NEVER };
-            let passed = self.wire.pass(self.next, idle).map(Passed::Edges);
+            let passed = self.wire.pass(self.next, self.next, idle).map(Passed::Edges);
             self.tell(passed);
             let next = |receiver: &mut Receiver| receiver.poll_timeout().and_then(|at| receiver.take(at));
             core::iter::from_fn(|| next(&mut self.receiver)).collect()
         }
+    }
+
+    /// Of any other wire.
+    fn idle(_: LineId, _: Instant) -> Driven {
+        Driven { level: Level::High, next: Instant::NEVER, passed: Instant::NEVER }
     }
 
     fn good(bytes: &[u8]) -> Vec<Character> {
@@ -612,8 +629,7 @@ mod tests {
             }
             bench.send(b"U");
             bench.wire.heal(FAULT, us(1_500));
-            let idle = |_: LineId, _: Instant| Driven { level: Level::High, next: Instant::NEVER };
-            bench.wire.pass(us(5_000), idle)
+            bench.wire.pass(us(5_000), us(5_000), idle)
         };
         assert_eq!(edges(true), edges(false));
         assert!(edges(true).is_some_and(|edges| edges.len() > 2));
@@ -663,10 +679,24 @@ mod tests {
         bench.sender.push(b'a');
         let loaded = bench.sender.load(us(1_000)).unwrap();
         assert_eq!(bench.wire.carry(us(1_000), loaded.edges, loaded.end), None);
-        let idle = |_: LineId, _: Instant| Driven { level: Level::High, next: Instant::NEVER };
-        assert!(bench.wire.pass(loaded.end, idle).is_some());
-        assert_eq!(bench.wire.pass(us(5_000), idle), Some(vec![Edge { at: loaded.end, level: Level::High }]));
+        assert!(bench.wire.pass(loaded.end, loaded.end, idle).is_some());
+        assert_eq!(
+            bench.wire.pass(us(5_000), us(5_000), idle),
+            Some(vec![Edge { at: loaded.end, level: Level::High }])
+        );
         assert!(!bench.wire.is_disturbed());
+    }
+
+    #[test]
+    fn a_fault_meets_a_character_committed_before_its_end_whose_edges_come_after_it() {
+        let mut bench = Bench::new();
+        bench.disturb(us(0), Disturbance::Character { nth: 1, what: Tampering::Drop });
+        bench.wire.heal(FAULT, us(1_000));
+        // The sender has promised that no edge comes before 1 ms, and has told of what it did until 0.9 ms.
+        bench.wire.pass(us(1_000), us(900), idle);
+        bench.next = us(950);
+        bench.send(b"a");
+        assert_eq!(bench.wire.take_fired(), vec![FAULT]);
     }
 
     #[test]
@@ -698,9 +728,10 @@ mod tests {
         let other = |line: LineId, at: Instant| {
             assert_eq!(line, 7);
             let level = if at >= from && at < to { Level::Low } else { Level::High };
-            Driven { level, next: [from, to].into_iter().find(|edge| *edge >= at).unwrap_or(Instant::NEVER) }
+            let next = [from, to].into_iter().find(|edge| *edge >= at).unwrap_or(Instant::NEVER);
+            Driven { level, next, passed: Instant::NEVER }
         };
-        let edges = bench.wire.pass(us(5_000), other).unwrap();
+        let edges = bench.wire.pass(us(5_000), us(5_000), other).unwrap();
         bench.receiver.hear(&edges);
         let at = bench.receiver.poll_timeout().unwrap();
         assert_eq!(bench.receiver.take(at), Some(Character::good(0xf0)));
