@@ -15,9 +15,10 @@ struct Crate {
     may_use: &'static [&'static str],
 }
 
-const CRATES: [Crate; 15] = [
+const CRATES: [Crate; 16] = [
     Crate { folder: "protocol", pure: true, may_use: &[] },
     Crate { folder: "protocol/gcode", pure: true, may_use: &[] },
+    Crate { folder: "protocol/grbl", pure: true, may_use: &["protocol"] },
     Crate { folder: "master", pure: true, may_use: &["protocol"] },
     Crate { folder: "slaves", pure: true, may_use: &["protocol"] },
     Crate { folder: "master/dspic", pure: true, may_use: &["protocol", "master", "slaves"] },

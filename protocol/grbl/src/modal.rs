@@ -1,0 +1,88 @@
+//! What stays in force from one block to the next.
+
+use crate::memory::{Axes, SYSTEMS};
+
+/// The group of motions.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Motion {
+    /// G0.
+    #[default]
+    Rapid,
+    /// G1.
+    Linear,
+    /// G2, G3.
+    Arc { clockwise: bool },
+    /// G38.2 to G38.5.
+    Probe(Probe),
+    /// G80.
+    None,
+}
+
+/// Which probing cycle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Probe {
+    /// G38.4, G38.5: until the contact opens.
+    pub(crate) away: bool,
+    /// G38.3, G38.5: no alarm if nothing is met.
+    pub(crate) no_error: bool,
+}
+
+/// The sense of the spindle.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Spindle {
+    /// M5.
+    #[default]
+    Off,
+    /// M3.
+    Clockwise,
+    /// M4.
+    Counterclockwise,
+}
+
+/// What stays in force from one block to the next; a reset forgets it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Modal {
+    pub(crate) motion: Motion,
+    /// 0 for G54.
+    pub(crate) system: usize,
+    /// 0 for G17, 1 for G18, 2 for G19.
+    pub(crate) plane: usize,
+    /// G20.
+    pub(crate) inches: bool,
+    /// G91.
+    pub(crate) incremental: bool,
+    /// G93.
+    pub(crate) inverse_time: bool,
+    pub(crate) spindle: Spindle,
+    /// M8.
+    pub(crate) flood: bool,
+    pub(crate) tool: u8,
+    /// As it was programmed last.
+    pub(crate) feed: f32,
+    /// As it was programmed last.
+    pub(crate) speed: f32,
+    /// G92: mm.
+    pub(crate) shift: Axes,
+    /// G43.1: mm, along Z.
+    pub(crate) tool_length: f32,
+    /// Where the last block ends, in machine coordinates.
+    pub(crate) position: Axes,
+}
+
+impl Modal {
+    /// The axes of the plane, in the order that makes a counterclockwise turn positive, and the one across it.
+    pub(crate) const fn plane_axes(&self) -> [usize; 3] {
+        match self.plane {
+            0 => [0, 1, 2],
+            1 => [2, 0, 1],
+            _ => [1, 2, 0],
+        }
+    }
+
+    /// The program's origin in machine coordinates.
+    pub(crate) fn origin(&self, systems: &[Axes; SYSTEMS]) -> Axes {
+        let [x, y, z] = systems[self.system.min(SYSTEMS - 1)];
+        let [dx, dy, dz] = self.shift;
+        [x + dx, y + dy, z + dz + self.tool_length]
+    }
+}

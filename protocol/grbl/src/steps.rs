@@ -1,0 +1,68 @@
+//! What a block does, step by step.
+
+use crate::arc::Arc;
+use crate::memory::Axes;
+use crate::modal::{Probe, Spindle};
+
+/// How fast a motion goes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Rate {
+    /// As fast as the machine can.
+    Rapid,
+    /// mm a minute.
+    Feed(f32),
+    /// mm a minute, and no override changes it.
+    Jog(f32),
+    /// The whole motion takes this part of a minute: G93.
+    PerMinute(f32),
+}
+
+/// A straight motion to `to`, in machine coordinates.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Line {
+    /// Where it ends, mm.
+    pub(crate) to: Axes,
+    /// How fast.
+    pub(crate) rate: Rate,
+}
+
+/// A step of a block. Lines and arcs go into the planner; everything else waits until the machine has done what it was
+/// given before.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Step {
+    Line(Line),
+    Arc(Arc),
+    Spindle {
+        sense: Spindle,
+        rpm: f32,
+    },
+    Flood(bool),
+    Dwell {
+        seconds: f32,
+    },
+    /// G43.1, G49, G54 to G59, G92, G92.1: the program's origin moves.
+    Origin,
+    /// G10: the origin of a coordinate system.
+    System {
+        system: usize,
+        origin: Axes,
+    },
+    /// G28.1, G30.1.
+    Home {
+        home: usize,
+        place: Axes,
+    },
+    Probe {
+        probe: Probe,
+        line: Line,
+    },
+    Pause,
+    End,
+}
+
+impl Step {
+    /// Whether it waits until the machine has finished.
+    pub(crate) const fn waits(&self) -> bool {
+        !matches!(self, Self::Line(_) | Self::Arc(_))
+    }
+}

@@ -1,0 +1,84 @@
+//! The controller against conversations recorded with the firmware 1.1h (20190830) on an ATmega328P at 115 200 baud.
+
+use common::Board;
+
+mod common;
+
+/// Plays a conversation, and says where the answers depart from the firmware's.
+fn differences(transcript: &str) -> Vec<String> {
+    let mut board = Board::new();
+    let mut differences = Vec::new();
+    let mut lines = transcript.lines().peekable();
+    while let Some(line) = lines.next() {
+        let (_, rest) = line.trim_start().split_once(' ').unwrap_or_default();
+        let Some(sent) = rest.strip_prefix('>') else { continue };
+        let sent = sent.strip_prefix(' ').unwrap_or(sent);
+        let mut expected = Vec::new();
+        while let Some(line) = lines.next_if(|line| line.trim_start().split(' ').nth(1) != Some(">")) {
+            expected.push(line.trim_start().splitn(3, ' ').nth(2).unwrap_or_default().to_owned());
+        }
+        match sent.strip_prefix('[').and_then(|hex| u8::from_str_radix(hex.strip_suffix(']')?, 16).ok()) {
+            Some(byte) => board.send(&[byte]),
+            None => board.send(format!("{sent}\n").as_bytes()),
+        }
+        let found = board.said();
+        if found != expected {
+            differences.push(format!("{sent:?}: found {found:?}, expected {expected:?}"));
+        }
+    }
+    differences
+}
+
+fn assert_same(transcript: &str) {
+    let differences = differences(transcript);
+    assert!(differences.is_empty(), "{} differ:\n{}", differences.len(), differences.join("\n"));
+}
+
+#[test]
+fn it_answers_a_sender_that_connects() {
+    assert_same(include_str!("transcripts/01-connect.txt"));
+}
+
+#[test]
+fn it_refuses_what_the_firmware_refuses() {
+    assert_same(include_str!("transcripts/02-errors.txt"));
+}
+
+#[test]
+fn it_checks_as_the_firmware_does() {
+    assert_same(include_str!("transcripts/05-check.txt"));
+}
+
+#[test]
+fn it_reads_long_lines_as_the_firmware_does() {
+    assert_same(include_str!("transcripts/06-long.txt"));
+}
+
+#[test]
+fn it_stores_settings_as_the_firmware_does() {
+    assert_same(include_str!("transcripts/07-settings.txt"));
+}
+
+#[test]
+fn it_answers_random_lines_as_the_firmware_does() {
+    let mut board = Board::new();
+    let mut differences = Vec::new();
+    for line in include_str!("transcripts/08-lines.txt").lines() {
+        if line.starts_with("# block") {
+            board = Board::new();
+        } else if let Some(modes) = line.strip_prefix("# [GC:") {
+            board.send(b"$G\n");
+            let found = board.said();
+            if found != [format!("[GC:{modes}"), "ok".to_owned()] {
+                differences.push(format!("{found:?}, expected {modes:?}"));
+            }
+        } else if let Some((expected, sent)) = line.split_once('\t') {
+            board.send(format!("{sent}\n").as_bytes());
+            let found = board.said();
+            if found.last().map(String::as_str) != Some(expected) {
+                differences.push(format!("{sent:?}: found {found:?}, expected {expected:?}"));
+            }
+        }
+    }
+    assert!(differences.is_empty(), "{} differ:\n{}", differences.len(), differences.join("\n"));
+}
