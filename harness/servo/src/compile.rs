@@ -1,7 +1,8 @@
 //! From text to a program, with everything that is wrong with it at once.
 
+use crate::element::Element;
 use crate::message::{Finding, Problem, Severity};
-use crate::motion::{Element, Motion, Program};
+use crate::motion::{Motion, Program};
 use crate::{Language, TICKS_PER_S};
 
 /// No number is larger; the travel is 425 mm.

@@ -21,14 +21,19 @@
 
 mod compile;
 pub mod contour;
+mod element;
 mod error;
 mod message;
 mod motion;
+mod set_points;
 
 pub use compile::{Compiled, Limits, compile};
+pub use element::Element;
 pub use error::Unwrapped;
 pub use message::{Finding, Language, Problem, Severity};
-pub use motion::{Element, Motion, Program};
+pub use motion::{Motion, Program};
 
 /// Increments a second: the rate of the telemetry, which the sheet gives; that of the set point it does not. (Ours.)
-pub const TICKS_PER_S: f64 = 200.0;
+pub const TICKS_PER_S: f64 = RATE as f64;
+/// The same as a whole number.
+const RATE: u32 = 200;

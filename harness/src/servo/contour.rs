@@ -13,6 +13,8 @@ const COUNTS_PER_S_PER_LSB: f64 = 2_083.333_333_333 / 127.0;
 const SIXTEENTHS: f64 = 16.0;
 /// Counts of a mm.
 const COUNTS_PER_MM: f64 = 125.0;
+/// A set point is taken to a millionth of a µm first: what rounding errors make of it is far less.
+const PARTS_PER_MM: f64 = 1e9;
 
 /// What was driven, and what the formulas say of it.
 #[derive(Clone, Debug)]
@@ -39,11 +41,8 @@ pub async fn drive(file: &RigFile, task: Task, kx: [u8; 2], tau_s: f64) -> Resul
     let path = task.path();
     let mut axes = [Vec::new(), Vec::new()];
     for (axis, driven) in axes.iter_mut().enumerate() {
-        let counts = path.iter().map(|place| {
-            let mm = if axis == 0 { place.0 } else { place.1 };
-            (mm * COUNTS_PER_MM + 0.5).floor() as i64
-        });
-        let counts: Vec<i64> = counts.collect();
+        let mm = path.iter().map(|place| if axis == 0 { place.0 } else { place.1 });
+        let counts: Vec<i64> = mm.map(nearest_count).collect();
         let before = core::iter::once(0).chain(counts.iter().copied());
         let increments: Vec<i8> = counts.iter().zip(before).map(|(to, from)| (to - from) as i8).collect();
         let mut controller = Controller::connect(RigLine::start(file, &Driver::InProcess).await?).await?;
@@ -69,6 +68,13 @@ pub async fn drive(file: &RigFile, task: Task, kx: [u8; 2], tau_s: f64) -> Resul
         sampled: task.measured(&task.sampled(axes)),
         driven,
     })
+}
+
+/// The nearest count; of two, the upper one, as in a motion program.
+fn nearest_count(mm: f64) -> i64 {
+    let parts = (mm * PARTS_PER_MM).round() as i64 * COUNTS_PER_MM as i64;
+    let count = PARTS_PER_MM as i64;
+    (parts + count / 2).div_euclid(count)
 }
 
 impl Contour {
@@ -138,4 +144,19 @@ pub fn figure(contours: &[Contour]) -> Figure {
     };
     let panels = contours.iter().map(|contour| contour.panel(beside(contour))).collect();
     Figure { title: "Dynamic path deviation".to_owned(), panels }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A tick at 10 mm/s is 0.05 mm: every second one lies half-way between two counts.
+    #[test]
+    fn a_half_rounds_up_whatever_floating_point_makes_of_it() {
+        for tick in -4_000..=4_000_i64 {
+            let (typed, summed) = (tick as f64 * 0.05, 10.0 * (tick as f64 / 200.0));
+            let expected = (tick * 50 + 4).div_euclid(8);
+            assert_eq!([typed, summed].map(nearest_count), [expected; 2], "{tick}");
+        }
+    }
 }
