@@ -12,7 +12,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::clock::Clock;
-use crate::line::Edge;
+use crate::line::{Edge, Level};
 use crate::time::{Instant, Span};
 use crate::uart::{Character, Receiver};
 
@@ -55,6 +55,49 @@ pub trait Board: Clone {
     /// have deadlines, for telemetry.
     fn mute(&self) -> bool {
         self.poll_timeout().is_none()
+    }
+
+    /// Puts a logic analyser on the board's pins, for [`Board::pins`]. For a board as at power-on. Without it, nothing
+    /// of them is computed.
+    fn watch_pins(&mut self) {}
+
+    /// What the watched pins have done before `until`, which does not lie before what the board has handled.
+    fn pins(&mut self, until: Instant) -> Vec<Pin> {
+        _ = until;
+        Vec::new()
+    }
+}
+
+/// A pin of a board, other than those of its ports.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Pin {
+    /// Its name, unique on the board.
+    pub name: String,
+    /// Its level at the start.
+    pub first: Level,
+    /// Its edges, in order.
+    pub edges: Vec<Edge>,
+}
+
+impl Pin {
+    /// A pin on which nothing has happened yet.
+    pub fn new(name: &str, first: Level) -> Self {
+        Self { name: name.to_owned(), first, edges: Vec::new() }
+    }
+
+    /// Its level after its last edge.
+    pub fn level(&self) -> Level {
+        self.edges.last().map_or(self.first, |edge| edge.level)
+    }
+
+    /// Sets its level at `at`, which does not lie before its last edge. Two edges at one instant are none.
+    pub fn set(&mut self, at: Instant, level: Level) {
+        if self.level() == level {
+            return;
+        }
+        if self.edges.pop_if(|last| last.at == at).is_none() {
+            self.edges.push(Edge { at, level });
+        }
     }
 }
 

@@ -7,7 +7,7 @@
 
 use std::collections::VecDeque;
 
-use crate::board::{Board, Input, MotorStimulus, Output, Stimulus};
+use crate::board::{Board, Input, MotorStimulus, Output, Pin, Stimulus};
 use crate::record::{Grant, Heard, Report, Silence, Timed};
 use crate::time::{Instant, Span};
 use crate::uart::{Character, Fifo, Receiver};
@@ -126,6 +126,17 @@ impl<B: Board> Cell<B> {
         while let Some((at, next)) = self.next().filter(|(at, _)| *at < until) {
             self.step(at, next, &mut emit);
         }
+    }
+
+    /// Runs a board as at power-on by itself: with all that it hears before `until`, in order for each source. Gives
+    /// what it does, and what its pins do.
+    pub fn watch(mut board: B, heard: &[Heard], until: Instant) -> (Vec<Timed>, Vec<Pin>) {
+        board.watch_pins();
+        let mut cell = Self::new(board);
+        heard.iter().for_each(|heard| cell.hear(heard));
+        let mut outputs = Vec::new();
+        cell.run(until, |at, output| outputs.push(Timed { at, output }));
+        (outputs, cell.board.pins(until))
     }
 
     /// When the next thing happens, if nothing more is heard.

@@ -7,6 +7,7 @@ use torno_protocol::time::Instant;
 use crate::control::OnOff;
 use crate::encoder::Encoder;
 use crate::machine::{Machine, Progress, quantity};
+use crate::pins::Stage;
 use crate::plant::{Axis, Plant, PositionMotor};
 use crate::settings::DepthSettings;
 use crate::slave::Slave;
@@ -134,6 +135,10 @@ impl Machine for DepthMachine {
 
     fn capabilities(&self) -> &'static [Capability] {
         Axis::CAPABILITIES
+    }
+
+    fn stage(&self) -> Stage {
+        Stage::Bridge(0)
     }
 
     fn plant(&mut self) -> &mut dyn Plant {

@@ -18,10 +18,15 @@ impl Encoder {
 
     /// The count at `position`: whole slots, never rounded to the nearest.
     pub(crate) fn count(self, position: f64) -> i64 {
-        let slots = position * self.slots_per_unit + 0.5;
+        let slots = self.slots(position);
         // The floor: where the processor has no instruction for it, this is quicker than the call.
         let whole = slots as i64;
         if whole as f64 > slots { whole.saturating_sub(1) } else { whole }
+    }
+
+    /// How many slots have passed at `position`, and what part of the next one.
+    pub(crate) fn slots(self, position: f64) -> f64 {
+        position * self.slots_per_unit + 0.5
     }
 
     /// What so many counts are in units of position.

@@ -19,6 +19,7 @@ mod drive;
 mod encoder;
 mod link;
 mod machine;
+mod pins;
 mod plant;
 mod schedule;
 mod servo;

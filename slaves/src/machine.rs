@@ -4,6 +4,7 @@ use torno_protocol::board::{Capability, Role, Signal};
 use torno_protocol::lathe::Fault;
 use torno_protocol::time::Instant;
 
+use crate::pins::Stage;
 use crate::plant::Plant;
 
 /// How many quantities a machine shows in telemetry.
@@ -39,6 +40,9 @@ pub trait Machine {
 
     /// What its motor can do.
     fn capabilities(&self) -> &'static [Capability];
+
+    /// What drives its motor.
+    fn stage(&self) -> Stage;
 
     /// What it drives.
     fn plant(&mut self) -> &mut dyn Plant;

@@ -1,6 +1,6 @@
 //! A slave board: a task, and the link to its master that tells it what to do.
 
-use torno_protocol::board::{Board, Capability, Deadline, Description, Input, Output, Stimulus};
+use torno_protocol::board::{Board, Capability, Deadline, Description, Input, Output, Pin, Stimulus};
 use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{RATE, Refusal};
 use torno_protocol::time::Instant;
@@ -125,5 +125,13 @@ where
 
     fn mute(&self) -> bool {
         !self.link.is_about_to_speak() && !self.task.is_on_watch()
+    }
+
+    fn watch_pins(&mut self) {
+        self.task.watch_pins(self.clock);
+    }
+
+    fn pins(&mut self, until: Instant) -> Vec<Pin> {
+        self.task.pins(until)
     }
 }

@@ -8,6 +8,7 @@ use crate::control::Lead;
 use crate::drive::{self, Pwm};
 use crate::encoder::Encoder;
 use crate::machine::{Machine, Progress, quantity};
+use crate::pins::Stage;
 use crate::plant::{Plant, Rotor, SpeedMotor};
 use crate::settings::{SpindleController, SpindleSettings};
 use crate::slave::Slave;
@@ -171,6 +172,10 @@ impl Machine for SpindleMachine {
 
     fn capabilities(&self) -> &'static [Capability] {
         Rotor::CAPABILITIES
+    }
+
+    fn stage(&self) -> Stage {
+        Stage::Pwm(self.firmware.pwm.full() as i64)
     }
 
     fn plant(&mut self) -> &mut dyn Plant {

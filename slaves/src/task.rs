@@ -1,10 +1,11 @@
 //! A machine with the timer that samples it: what a board does for its motor, whoever tells it what to do.
 
-use torno_protocol::board::{Motor, MotorStimulus, Signal};
+use torno_protocol::board::{Motor, MotorStimulus, Pin, Role, Signal};
 use torno_protocol::clock::Clock;
 use torno_protocol::time::Instant;
 
 use crate::machine::{Machine, Progress, QUANTITIES};
+use crate::pins::Pins;
 use crate::schedule::Schedule;
 use crate::telemetry::Telemetry;
 
@@ -15,6 +16,8 @@ use crate::telemetry::Telemetry;
 pub struct Task<M: ?Sized> {
     schedule: Schedule,
     telemetry: Telemetry<QUANTITIES>,
+    /// If somebody looks at them.
+    pins: Option<Box<Pins>>,
     machine: M,
 }
 
@@ -23,7 +26,7 @@ impl<M: Machine> Task<M> {
     pub fn new(settings: &M::Settings, clock: Clock) -> Self {
         let (machine, period_ms) = M::new(settings);
         let telemetry = Telemetry::new(machine.values());
-        let mut task = Self { schedule: Schedule::new(period_ms, clock), telemetry, machine };
+        let mut task = Self { schedule: Schedule::new(period_ms, clock), telemetry, pins: None, machine };
         // A load may move the axis that nobody drives.
         task.sample_unless_at_rest(Instant::START);
         task
@@ -33,7 +36,7 @@ impl<M: Machine> Task<M> {
     pub fn start(&mut self, now: Instant, sub_frame: M::SubFrame) {
         self.machine.start(now, sub_frame);
         self.schedule.start(now);
-        self.note();
+        self.note(now);
     }
 }
 
@@ -55,13 +58,13 @@ impl<M: Machine + ?Sized> Task<M> {
             self.machine.serve(*per_mille);
         }
         self.sample_unless_at_rest(now);
-        self.note();
+        self.note(now);
     }
 
     /// The firmware starts anew.
     pub fn reset(&mut self, now: Instant) {
         self.machine.reset(now);
-        self.note();
+        self.note(now);
     }
 
     /// The supply goes or comes.
@@ -70,12 +73,15 @@ impl<M: Machine + ?Sized> Task<M> {
         self.machine.reset(now);
         self.schedule.stop();
         self.sample_unless_at_rest(now);
-        self.note();
+        self.note(now);
     }
 
     /// Counts in `clock` from the sample on that is to come.
     pub fn retune(&mut self, now: Instant, clock: Clock) {
         self.schedule.retune(now, clock);
+        if let Some(pins) = &mut self.pins {
+            pins.retune(now, clock);
+        }
     }
 
     /// The next sample, if it is due. `busy`: a sub-frame is being executed.
@@ -87,7 +93,7 @@ impl<M: Machine + ?Sized> Task<M> {
         if (!busy || progress != Progress::Going) && self.machine.is_at_rest() {
             self.schedule.stop();
         }
-        self.note();
+        self.note(now);
         progress
     }
 
@@ -106,9 +112,26 @@ impl<M: Machine + ?Sized> Task<M> {
         self.machine.is_on_watch()
     }
 
-    /// Takes note of the quantities, of which any may have changed.
-    fn note(&mut self) {
-        self.telemetry.note(self.machine.values());
+    /// Somebody looks at the motor's pins from now on, which is power-on.
+    pub fn watch_pins(&mut self, clock: Clock) {
+        let motion = self.machine.plant().motion();
+        self.pins = Some(Box::new(Pins::new(self.machine.stage(), clock, motion)));
+    }
+
+    /// What the motor's pins have done before `until`, if somebody looks at them.
+    pub fn pins(&mut self, until: Instant) -> Vec<Pin> {
+        self.pins.as_mut().map_or(Vec::new(), |pins| pins.until(until))
+    }
+
+    /// Takes note of the quantities, of which any may have changed, and of the pins.
+    fn note(&mut self, now: Instant) {
+        let values = self.machine.values();
+        self.telemetry.note(values);
+        if let Some(pins) = &mut self.pins {
+            let driven = self.machine.signals().iter().position(|signal| signal.role == Role::Drive);
+            let drive = driven.map_or(0, |place| values[place]);
+            pins.note(now, self.machine.plant().motion(), drive);
+        }
     }
 
     fn sample_unless_at_rest(&mut self, now: Instant) {

@@ -8,6 +8,7 @@ use crate::control::{Gains, Pid, Profile, STANDS_MS, Sample};
 use crate::drive::Bridge;
 use crate::encoder::Encoder;
 use crate::machine::{Machine, Progress, quantity};
+use crate::pins::Stage;
 use crate::plant::{Axis, Plant, PositionMotor, SampledPlant};
 use crate::settings::{JudgedBy, PositionForm, PositionModel, TransverseController, TransverseSettings};
 use crate::slave::Slave;
@@ -37,6 +38,8 @@ pub struct TransverseMachine {
     /// Where the carriage was when the firmware last counted, by the true count.
     carriage: i64,
     firmware: Firmware,
+    /// Of the drive's magnitude.
+    bits: u32,
 }
 
 #[derive(Clone, Debug)]
@@ -202,7 +205,7 @@ impl Machine for TransverseMachine {
             PositionModel::Eq12 => Some(SampledPlant::new(eq12.gain, eq12.zero, eq12.a1, eq12.a2, end)),
         };
         let axis = Axis::new(motor, Encoder::new(1.0), full, Bridge::full(drive.bits)).with_sampled(sampled);
-        (Self { axis, carriage: 0, firmware: Firmware::new(settings) }, controller.sample_ms)
+        (Self { axis, carriage: 0, firmware: Firmware::new(settings), bits: drive.bits }, controller.sample_ms)
     }
 
     fn signals(&self) -> [Signal; 4] {
@@ -221,6 +224,10 @@ impl Machine for TransverseMachine {
 
     fn capabilities(&self) -> &'static [Capability] {
         Axis::CAPABILITIES
+    }
+
+    fn stage(&self) -> Stage {
+        Stage::Bridge(self.bits)
     }
 
     fn plant(&mut self) -> &mut dyn Plant {

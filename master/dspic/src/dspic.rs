@@ -1,7 +1,7 @@
 //! The board: the conversation with the PC on one side, the motors on the other.
 
 use torno_master::{Beginning, Order, PC, Reception, START_UP, Slaves};
-use torno_protocol::board::{Board, Capability, Deadline, Description, Input, Output, Signal, Stimulus};
+use torno_protocol::board::{Board, Capability, Deadline, Description, Input, Output, Pin, Signal, Stimulus};
 use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{Fault, Frame, RATE, Slave};
 use torno_protocol::time::Instant;
@@ -210,5 +210,16 @@ impl Board for Dspic {
     fn mute(&self) -> bool {
         let talks = self.reception.poll_timeout().is_some() || self.silence().is_some();
         !talks && !self.tasks.are_busy() && !self.tasks.all().into_iter().any(|task| task.is_on_watch())
+    }
+
+    fn watch_pins(&mut self) {
+        let clock = self.clock;
+        self.tasks.all_mut().into_iter().for_each(|task| task.watch_pins(clock));
+    }
+
+    fn pins(&mut self, until: Instant) -> Vec<Pin> {
+        let tasks = Slave::ALL.into_iter().map(Slave::name).zip(self.tasks.all_mut());
+        let named = |name: &str, pin: Pin| Pin { name: format!("{name}_{}", pin.name), ..pin };
+        tasks.flat_map(|(name, task)| task.pins(until).into_iter().map(move |pin| named(name, pin))).collect()
     }
 }

@@ -5,7 +5,7 @@ use torno_protocol::time::Instant;
 
 use crate::drive::{self, Bridge};
 use crate::encoder::{Counter, Encoder};
-use crate::plant::{Plant, PositionMotor, SampledPlant};
+use crate::plant::{Motion, Plant, PositionMotor, SampledPlant};
 
 /// An axis with its encoder, and the count of it that the firmware has.
 #[derive(Clone, Debug)]
@@ -110,5 +110,12 @@ impl Plant for Axis {
     fn restart(&mut self, now: Instant) {
         self.motor.advance(now);
         self.counter.restart(self.seen());
+    }
+
+    fn motion(&self) -> Motion {
+        match self.sampled {
+            None => Motion::of_position(self.motor.clone(), self.encoder, self.along_slide),
+            Some(_) => Motion::none(),
+        }
     }
 }

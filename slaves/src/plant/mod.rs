@@ -2,6 +2,7 @@
 
 mod axis;
 mod lag;
+mod motion;
 mod position;
 mod rotor;
 mod sampled;
@@ -12,6 +13,7 @@ use torno_protocol::board::MotorStimulus;
 use torno_protocol::time::Instant;
 
 pub(crate) use axis::Axis;
+pub(crate) use motion::Motion;
 pub(crate) use position::PositionMotor;
 pub(crate) use rotor::Rotor;
 pub(crate) use sampled::SampledPlant;
@@ -27,4 +29,7 @@ pub trait Plant {
 
     /// The firmware counts from 0 again.
     fn restart(&mut self, now: Instant);
+
+    /// What its encoder sees, for a look at what comes if nothing more happens.
+    fn motion(&self) -> Motion;
 }

@@ -126,6 +126,16 @@ impl PositionMotor {
         self.position
     }
 
+    /// How far time has passed.
+    pub(crate) const fn at(&self) -> Instant {
+        self.at
+    }
+
+    /// The motor's speed, in units of position per second.
+    pub(crate) const fn rate(&self) -> f64 {
+        self.shaft.rate()
+    }
+
     /// Where the carriage is.
     pub(crate) const fn carriage(&self) -> f64 {
         self.carriage.position

@@ -4,12 +4,13 @@ use torno_protocol::board::{Capability, MotorStimulus};
 use torno_protocol::time::Instant;
 
 use crate::encoder::{Counter, Encoder};
-use crate::plant::{Plant, SpeedMotor};
+use crate::plant::{Motion, Plant, SpeedMotor};
 
 /// A motor with its encoder, and the count of it that the firmware has.
 #[derive(Clone, Debug)]
 pub(crate) struct Rotor {
     motor: SpeedMotor,
+    encoder: Encoder,
     counter: Counter,
     /// What full drive is at the motor, in V.
     supply_v: f64,
@@ -19,7 +20,7 @@ impl Rotor {
     pub(crate) const CAPABILITIES: &[Capability] = &[Capability::Motor];
 
     pub(crate) const fn new(motor: SpeedMotor, encoder: Encoder, supply_v: f64) -> Self {
-        Self { motor, counter: Counter::new(encoder), supply_v }
+        Self { motor, encoder, counter: Counter::new(encoder), supply_v }
     }
 
     /// Drives the motor with this share of full drive from now on.
@@ -66,5 +67,9 @@ impl Plant for Rotor {
     fn restart(&mut self, now: Instant) {
         self.motor.advance(now);
         self.counter.restart(self.motor.angle_rev());
+    }
+
+    fn motion(&self) -> Motion {
+        Motion::of_speed(self.motor.clone(), self.encoder)
     }
 }

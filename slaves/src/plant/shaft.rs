@@ -106,7 +106,7 @@ impl Shaft {
         self.load.opposing() >= self.supply.share()
     }
 
-    #[cfg(test)]
+    /// The speed.
     pub(super) const fn rate(&self) -> f64 {
         self.lag.rate()
     }

@@ -70,6 +70,16 @@ impl SpeedMotor {
         self.angle_rev + self.shaft.coast()
     }
 
+    /// How far time has passed.
+    pub(crate) const fn at(&self) -> Instant {
+        self.at
+    }
+
+    /// Revolutions per second.
+    pub(crate) const fn rate(&self) -> f64 {
+        self.shaft.rate()
+    }
+
     /// Revolutions per minute.
     #[cfg(test)]
     pub(crate) fn rpm(&self) -> f64 {
