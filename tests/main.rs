@@ -27,6 +27,7 @@ mod log;
 mod machine;
 mod part;
 mod pc_port;
+mod pins;
 mod processes;
 mod promise;
 mod recordings;

@@ -14,6 +14,7 @@ pub mod identify;
 pub mod live;
 pub mod observe;
 pub mod pace;
+pub mod pins;
 pub mod play;
 pub mod port;
 mod ready;

@@ -55,7 +55,7 @@ pub enum ReplayError {
 
 /// Something to be done to the rig.
 #[derive(Clone, Debug, PartialEq, Eq)]
-enum Action {
+pub(crate) enum Action {
     Stimulate(NodeId, Instant, Stimulus),
     Disturb(LineId, Instant, u32, Disturbance),
     Heal(Instant, u32),
@@ -68,12 +68,8 @@ enum Action {
 /// # Errors
 /// [`ReplayError`].
 pub async fn replay(trace: &Trace, driver: &Driver) -> Result<Replayed, ReplayError> {
-    let Header { torno, rig: name, text, seed, program, .. } = &trace.header;
-    let file = RigFile::parse(name, text).map_err(|source| ReplayError::File { torno: torno.clone(), source })?;
-    let header = file.header(name, *seed, program.as_deref());
-    if header.layout != trace.header.layout {
-        return Err(ReplayError::Other { torno: torno.clone() });
-    }
+    let (file, header) = rig_of(trace)?;
+    let Header { program, .. } = &header;
     let uart = file.pc.uart();
     let session = match program {
         // A PC that the machine does not hold is outside the rig, whatever it plays.
@@ -118,6 +114,18 @@ pub async fn replay(trace: &Trace, driver: &Driver) -> Result<Replayed, ReplayEr
     Ok(Replayed { digest: ended.end.digest, trace: trace.unwrap_or_else(|| Trace::new(header)) })
 }
 
+/// The rig in a trace, and the header that a trace of it has today.
+pub(crate) fn rig_of(trace: &Trace) -> Result<(RigFile, Header), ReplayError> {
+    let Header { torno, rig: name, text, seed, program, .. } = &trace.header;
+    let file = RigFile::parse(name, text).map_err(|source| ReplayError::File { torno: torno.clone(), source })?;
+    let header = file.header(name, *seed, program.as_deref());
+    if header.layout == trace.header.layout {
+        Ok((file, header))
+    } else {
+        Err(ReplayError::Other { torno: torno.clone() })
+    }
+}
+
 /// Lets everything happen before `until`, as long as there is `room` for it. Others have their turn, even if all boards
 /// are in this process.
 async fn run(session: &mut Session, until: Instant, room: &mut usize) -> Result<(), SessionError> {
@@ -156,7 +164,7 @@ fn weight(facts: &[Fact]) -> usize {
 ///
 /// A process that was stopped and continued hung in between. Of one that was never continued nothing has come since
 /// what it had told, not even of its motor: it is as good as dead.
-fn actions(inputs: &[Input]) -> Vec<(Instant, Action)> {
+pub(crate) fn actions(inputs: &[Input]) -> Vec<(Instant, Action)> {
     let mut actions = Vec::new();
     let mut stopped: Vec<(NodeId, usize, Instant, Instant)> = Vec::new();
     for (place, Input { given, at, what }) in inputs.iter().enumerate() {

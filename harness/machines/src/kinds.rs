@@ -6,11 +6,12 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use toml::de::{DeTable, DeValue, ValueDeserializer};
 use toml::{Spanned, Table};
-use torno_protocol::board::{Board, Description};
+use torno_protocol::board::{Board, Description, Pin};
 use torno_protocol::clock::Clock;
-use torno_protocol::record::{Grant, Report};
+use torno_protocol::record::{Grant, Heard, Report, Timed};
 use torno_protocol::settings::{OutOfRange, Setting};
-use torno_protocol::stepping::{BrokenPromise, Stepper};
+use torno_protocol::stepping::{BrokenPromise, Cell, Stepper};
+use torno_protocol::time::Instant;
 use torno_text::{Complaint, of_toml};
 
 use crate::MACHINES;
@@ -46,6 +47,9 @@ pub trait Steps: Send {
     /// # Errors
     /// See [`Stepper::grant`].
     fn grant(&mut self, grant: Grant) -> Result<Report, BrokenPromise>;
+
+    /// Runs the board by itself, with all that it hears before `until`: see [`Cell::watch`]. For one as at power-on.
+    fn watch(&self, heard: &[Heard], until: Instant) -> (Vec<Timed>, Vec<Pin>);
 }
 
 impl<B: Board + Send> Steps for Stepper<B> {
@@ -55,6 +59,10 @@ impl<B: Board + Send> Steps for Stepper<B> {
 
     fn grant(&mut self, grant: Grant) -> Result<Report, BrokenPromise> {
         Self::grant(self, grant)
+    }
+
+    fn watch(&self, heard: &[Heard], until: Instant) -> (Vec<Timed>, Vec<Pin>) {
+        Cell::watch(self.board().clone(), heard, until)
     }
 }
 

@@ -7,6 +7,7 @@ use std::time::Instant;
 use torno::fault::{self, FaultFile};
 use torno::observe::stderr::say;
 use torno::pace::Pace;
+use torno::pins::pins;
 use torno::play::{Ended, Play, Played, Progress};
 use torno::report::page::Page;
 use torno::report::{Bar, BoardSummary, Cut, Frames, Stats, Summary, failures};
@@ -52,6 +53,9 @@ pub(super) struct Arguments {
     /// Writes every line of the rig as a one-bit signal (VCD)
     #[arg(long, value_name = "FILE")]
     vcd: Option<PathBuf>,
+    /// Adds the pins between firmware and motors to --vcd: pulse-width modulator, H-bridge, encoder
+    #[arg(long, requires = "vcd")]
+    pins: bool,
     /// The unit of time of --vcd: 1, 10 or 100 of ns or us, or 1 ms
     #[arg(long, value_name = "TIME", default_value = "1 us", value_parser = timescale, requires = "vcd")]
     vcd_step: Timescale,
@@ -114,7 +118,7 @@ impl Arguments {
         let (vcd, drawing, report) = (vcd.transpose()?, drawing.transpose()?, report.transpose()?);
         let asked = file.part.as_ref().map(|part| (part.clone(), part.asked(&program)));
         let header = file.header(&rig, seed, Some(&program_name));
-        let keep = report.is_some().then(|| header.clone());
+        let keep = (report.is_some() || self.pins).then(|| header.clone());
         let recorder = self.record.as_deref().map(|path| start_recording(path, &header)).transpose()?;
         let frames = program.frames.len();
         let tail = file.margin();
@@ -135,6 +139,9 @@ impl Arguments {
         bar.clear();
         for unfired in &played.unfired {
             tracing::warn!("{unfired}");
+        }
+        if let (Some(waveforms), Some(trace)) = (&mut played.waveforms, played.trace.as_ref().filter(|_| self.pins)) {
+            waveforms.add_pins(pins(trace)?);
         }
         if let (Some(file), Some(waveforms)) = (vcd, &played.waveforms) {
             file.write_by(|file| waveforms.write(file, played.end, tail, self.vcd_step))?;

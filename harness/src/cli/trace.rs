@@ -5,9 +5,11 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::Context;
+use torno::pins::pins;
 use torno::report::Cut;
 use torno::report::page::Page;
 use torno::rig::file::RigFile;
+use torno_protocol::board::Pin;
 use torno_protocol::time::{Instant, Span};
 use torno_trace::analyser::rows;
 use torno_trace::rows::{CSV_HEADER, Filter, Row, Wanted};
@@ -34,6 +36,9 @@ pub(super) struct Arguments {
     /// Writes every line of the rig as a one-bit signal (VCD); prints nothing
     #[arg(long, value_name = "FILE", conflicts_with_all = ["csv", "json", "from", "to", "line", "board", "kind"])]
     vcd: Option<PathBuf>,
+    /// Adds the pins between firmware and motors to --vcd: pulse-width modulator, H-bridge, encoder
+    #[arg(long, requires = "vcd")]
+    pins: bool,
     /// The unit of time of --vcd: 1, 10 or 100 of ns or us, or 1 ms
     #[arg(long, value_name = "TIME", default_value = "1 us", value_parser = timescale, requires = "vcd")]
     vcd_step: Timescale,
@@ -71,8 +76,9 @@ impl Arguments {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
         let (trace, damage) = load_trace(&self.file)?;
         if let Some(path) = &self.vcd {
+            let pins = if self.pins { pins(&trace)? } else { Vec::new() };
             let file = OutputFile::create(path)?;
-            file.write_by(|file| write_waveforms(&trace, self.vcd_step, file))?;
+            file.write_by(|file| write_waveforms(&trace, pins, self.vcd_step, file))?;
         } else if let Some(path) = &self.report {
             let page = Page { trace: &trace, summary: None, cut: Cut::of(&trace).as_ref() }.html();
             write_file(path, page)?;
@@ -104,9 +110,10 @@ fn print_rows(first: Option<&str>, rows: impl Iterator<Item = String>) -> io::Re
     output.flush()
 }
 
-fn write_waveforms(trace: &Trace, scale: Timescale, file: impl Write) -> io::Result<()> {
+fn write_waveforms(trace: &Trace, pins: Vec<Pin>, scale: Timescale, file: impl Write) -> io::Result<()> {
     let mut waveforms = Waveforms::new(&trace.header.layout);
     trace.facts.iter().for_each(|fact| waveforms.add(fact));
+    waveforms.add_pins(pins);
     let end = trace.end.as_ref().map_or(trace.settled, |end| end.at);
     let tail = RigFile::parse(&trace.header.rig, &trace.header.text).map_or(LONG_TAIL, |file| file.margin());
     waveforms.write(file, end, tail, scale)

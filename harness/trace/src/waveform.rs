@@ -1,9 +1,10 @@
-//! The waveform dump: every line as a one-bit signal (VCD, IEEE 1364-2005 §18).
+//! The waveform dump: every line, and every pin that is added, as a one-bit signal (VCD, IEEE 1364-2005 §18).
 
 use std::collections::BTreeMap;
 use std::io;
 
-use torno_protocol::line::{Edge, Level};
+use torno_protocol::board::Pin;
+use torno_protocol::line::Level;
 use torno_protocol::time::{Instant, Span};
 use vcd::{SimulationCommand, TimescaleUnit, Value, Writer};
 
@@ -43,23 +44,29 @@ impl Timescale {
     }
 }
 
-/// Collects the edges of every line.
+/// Collects the edges of every line, and of pins.
 pub struct Waveforms {
-    lines: Vec<(String, Vec<Edge>)>,
+    /// The lines come first.
+    signals: Vec<Pin>,
 }
 
 impl Waveforms {
     /// The lines of a rig with this layout, idle so far.
     pub fn new(layout: &Layout) -> Self {
-        Self { lines: layout.lines.iter().map(|line| (line.name.clone(), Vec::new())).collect() }
+        Self { signals: layout.lines.iter().map(|line| Pin::new(&line.name, Level::High)).collect() }
     }
 
     /// Takes note of a fact.
     pub fn add(&mut self, fact: &Fact) {
         match fact {
-            Fact::Edges { line, edges } => self.lines[*line].1.extend(edges),
+            Fact::Edges { line, edges } => self.signals[*line].edges.extend(edges),
             Fact::Telemetry { .. } | Fact::Event { .. } => {}
         }
+    }
+
+    /// Adds pins with all that they have done.
+    pub fn add_pins(&mut self, pins: Vec<Pin>) {
+        self.signals.extend(pins);
     }
 
     /// Writes the dump; it goes on for `tail`, more than a character on the slowest line, after `end` and the last
@@ -73,35 +80,35 @@ impl Waveforms {
         let (number, unit) = scale.number_and_unit();
         writer.timescale(number, unit)?;
         writer.add_module("rig")?;
-        let ids = self.lines.iter().map(|(name, _)| writer.add_wire(1, name)).collect::<io::Result<Vec<_>>>()?;
+        let ids = self.signals.iter().map(|signal| writer.add_wire(1, &signal.name)).collect::<io::Result<Vec<_>>>()?;
         writer.upscope()?;
         writer.enddefinitions()?;
 
         writer.timestamp(0)?;
         writer.begin(SimulationCommand::Dumpvars)?;
-        for id in &ids {
-            writer.change_scalar(*id, Value::V1)?;
+        for (id, signal) in ids.iter().zip(&self.signals) {
+            writer.change_scalar(*id, value(signal.first))?;
         }
         writer.end()?;
 
         let mut changes: BTreeMap<u64, BTreeMap<usize, Level>> = BTreeMap::new();
         let mut last = end;
-        for (line, (_, edges)) in self.lines.iter().enumerate() {
-            let mut shown = Level::High;
+        for (place, Pin { first, edges, .. }) in self.signals.iter().enumerate() {
+            let mut shown = *first;
             for (n, edge) in edges.iter().enumerate() {
                 let step = scale.step(edge.at);
                 let is_last = edges.get(n + 1).is_none_or(|next| scale.step(next.at) != step);
                 if is_last && edge.level != shown {
                     shown = edge.level;
-                    changes.entry(step).or_default().insert(line, shown);
+                    changes.entry(step).or_default().insert(place, shown);
                 }
                 last = last.max(edge.at);
             }
         }
         for (step, levels) in changes {
             writer.timestamp(step)?;
-            for (line, level) in levels {
-                writer.change_scalar(ids[line], if level == Level::High { Value::V1 } else { Value::V0 })?;
+            for (place, level) in levels {
+                writer.change_scalar(ids[place], value(level))?;
             }
         }
         writer.timestamp(scale.step(last + tail))?;
@@ -109,8 +116,17 @@ impl Waveforms {
     }
 }
 
+const fn value(level: Level) -> Value {
+    match level {
+        Level::High => Value::V1,
+        Level::Low => Value::V0,
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use torno_protocol::line::Edge;
+
     use super::*;
 
     #[test]
@@ -131,7 +147,7 @@ mod tests {
             edge(5_600, Level::Low),
             edge(6_400, Level::High),
         ];
-        let waveforms = Waveforms { lines: vec![("a".to_owned(), edges)] };
+        let waveforms = Waveforms { signals: vec![Pin { name: "a".to_owned(), first: Level::High, edges }] };
         let dump = |scale| {
             let mut text = Vec::new();
             waveforms.write(&mut text, Instant::START, Span::from_nanos(3_600), scale).unwrap();
