@@ -73,6 +73,36 @@ fn the_main_motor_is_what_the_paper_says() {
     }
 }
 
+/// Fig. 8 as the paper's oscilloscope showed it: what comes back from the voltages is the same motor.
+#[test]
+fn the_papers_converter_shows_fig_8_in_volts() {
+    let folder = folder();
+    let picture = folder.path().join("fig-8.svg");
+    let arguments = ["identify", "spindle", "--instrument", "dac", "--input", "step", "--json", "-o"];
+    let found = json(&output(&[&arguments[..], &[picture.to_str().unwrap()]].concat()));
+    near(&found["converter"]["volts_at_5500_rpm"], 4.980_469, 0.001);
+    near(&found["converter"]["steps_per_count"], 1.854_545, 0.001);
+    holds(row(&found, "step", "nls"), 19.0, 2.8);
+    // It rounds once more than the counter.
+    let width = |row: &Value| row["gain_interval"][1].as_f64().unwrap() - row["gain_interval"][0].as_f64().unwrap();
+    assert!(width(row(&found, "step", "nls")) > 0.05, "{found}");
+    let shown = format!("{}/../docs/fig-8.svg", env!("CARGO_MANIFEST_DIR"));
+    assert!(
+        fs::read(&picture).unwrap() == fs::read(shown).unwrap(),
+        "repeat: torno {} docs/fig-8.svg",
+        arguments.join(" ")
+    );
+    // One step a pulse, and nothing is lost; 20 V are 1.77 V.
+    let plain = text(&["identify", "spindle", "--instrument", "dac-unscaled", "--input", "step"]);
+    assert!(plain.contains("gain     19.000 rad/s") && plain.contains("ends at 1.77 V"), "{plain}");
+    // At 30 V and 25 rad/s per V the ladder is at its end, which is no motor's.
+    let most =
+        complaint(&[&arguments[..6], &["--level", "30", "--set", "spindle.plant.km_rad_per_s_volt=25"]].concat());
+    assert!(most.contains("saturates"), "{most}");
+    let none = complaint(&["identify", "transverse", "--instrument", "dac"]);
+    assert!(none.contains("board 'transverse' has no converter of frequency to voltage"), "{none}");
+}
+
 /// §4, Eq. 8 to 11: tp and ts give 1.925 rad/s and 0.361, and the motor behind it is 2.664/(s(0.71875 s + 1)).
 #[test]
 fn the_feed_motor_is_what_the_paper_says() {

@@ -6,6 +6,7 @@ use std::process::ExitCode;
 use anyhow::Context;
 use torno::identify::bench::{Excitation, Plan, Recording, Subject};
 use torno::identify::csv::{self, Encoder, Measured};
+use torno::identify::dac::Instrument;
 use torno::identify::{Identification, Method, Units};
 use torno::rig::file::{DEFAULT, RigFile};
 use torno_plot::Colours;
@@ -47,6 +48,9 @@ pub(super) struct Source {
     /// for it [default: a good one]
     #[arg(long, conflicts_with = "from", allow_negative_numbers = true)]
     level: Option<f64>,
+    /// What tells the motor's speed
+    #[arg(long, value_enum, default_value = "counter", conflicts_with = "from")]
+    instrument: Instrument,
     /// Of the PRBS
     #[arg(long, default_value_t = 0, conflicts_with = "from")]
     seed: u64,
@@ -112,14 +116,16 @@ impl Source {
         let mut recordings = Vec::new();
         for excitation in inputs {
             let seconds = self.lasting.map_or_else(|| excitation.seconds(subject.is_axis()), |span| span.as_secs_f64());
-            let plan = Plan { excitation, seconds, level: self.level, seed: self.seed };
+            let Self { level, seed, instrument, .. } = *self;
+            let plan = Plan { excitation, seconds, level, seed, instrument };
             recordings.push(subject.run(&file, &plan).await?);
         }
         let motor = &subject.motor;
         let units = Units { input: motor.input_unit.to_owned(), speed: format!("{}/s", motor.unit) };
         let name = format!("{board} of {}", file.name);
         let identification = Identification::of(name.clone(), units, subject.is_axis(), recordings, method);
-        let identification = identification.map_err(anyhow::Error::msg).context(name)?;
+        let mut identification = identification.map_err(anyhow::Error::msg).context(name)?;
+        identification.converter = subject.converter(self.instrument)?;
         Ok(Identified { identification, on_rig: Some((file, subject)) })
     }
 }

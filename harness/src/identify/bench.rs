@@ -5,6 +5,7 @@ use torno_protocol::board::{Description, MotorStimulus, Role};
 use torno_protocol::clock::{Clock, Rate, Ticks};
 use torno_protocol::time::Instant;
 
+use super::dac::{Dac, Instrument};
 use crate::rig::Driver;
 use crate::rig::file::RigFile;
 use crate::session::{Session, SessionError};
@@ -60,6 +61,8 @@ pub struct Plan {
     pub level: Option<f64>,
     /// Of the sequence.
     pub seed: u64,
+    /// What tells the motor's speed.
+    pub instrument: Instrument,
 }
 
 /// What came of it.
@@ -145,6 +148,15 @@ pub enum BenchError {
         /// Its unit.
         unit: &'static str,
     },
+    /// Nothing that the converter could count.
+    #[error(
+        "--instrument: board '{board}' has no converter of frequency to voltage: expected the main motor, whose speed \
+         is counted, or no --instrument"
+    )]
+    NoConverter {
+        /// The board.
+        board: String,
+    },
     /// A time that is none.
     #[error("{found} s is no such time: expected 1 s to 3600 s")]
     Seconds {
@@ -229,8 +241,9 @@ impl Subject {
         let what = program.what.clone();
         let counts = if let Kind::Loop { counts, .. } = program.kind { counts } else { LOOP_STEP };
         let session = Session::start(file, &Driver::InProcess, file.pc.uart()).await?.quiet();
+        let dac = self.converter(plan.instrument)?;
         let raw = self.drive(session, program, plan.seconds).await?;
-        let data = match self.data(&raw) {
+        let data = match self.data(&raw, dac) {
             Ok(data) => data,
             Err(finding) => return Ok(Err(Useless { what, finding })),
         };
@@ -240,6 +253,18 @@ impl Subject {
             (counts, raw[1..].iter().map(point).collect())
         });
         Ok(Ok(Recording { data, closed, what }))
+    }
+
+    /// The converter at this motor, if the instrument is one.
+    ///
+    /// # Errors
+    /// [`BenchError::NoConverter`] if it has nothing to count.
+    pub fn converter(&self, instrument: Instrument) -> Result<Option<Dac>, BenchError> {
+        let dac = Dac::new(instrument, &self.motor);
+        if dac.is_some() && self.motor.encoder != Encoder::Window {
+            return Err(BenchError::NoConverter { board: self.board.clone() });
+        }
+        Ok(dac)
     }
 
     async fn drive(&self, mut session: Session, mut program: Program, seconds: f64) -> Result<Vec<Point>, BenchError> {
@@ -270,19 +295,21 @@ impl Subject {
     }
 
     /// Points as intervals: each with the drive that was set at its beginning.
-    fn data(&self, points: &[Point]) -> Result<Data, Finding> {
+    fn data(&self, points: &[Point], dac: Option<Dac>) -> Result<Data, Finding> {
         let motor = &self.motor;
         let sample = |pair: &[Point]| {
             let counts = match motor.encoder {
                 Encoder::Window => pair[1].count,
                 Encoder::Position => pair[1].count - pair[0].count,
             };
-            let speed = counts as f64 * motor.count / (pair[1].time - pair[0].time);
+            let counts = dac.map_or(counts as f64, |dac| dac.counts(counts));
+            let speed = counts * motor.count / (pair[1].time - pair[0].time);
             Sample { time: pair[1].time, input: pair[0].drive as f64 * motor.full.0 / motor.full.1 as f64, speed }
         };
         let samples: Vec<Sample> = points.windows(2).map(sample).collect();
         let start = points.first().map_or(0.0, |first| first.time);
-        let quantum = motor.count * 1_000.0 / f64::from(motor.period_ms);
+        let counts = dac.map_or(1.0, |dac| dac.resolution());
+        let quantum = counts * motor.count * 1_000.0 / f64::from(motor.period_ms);
         Data::new(Sensor::Mean, start, samples, quantum).map(Data::from_rest)
     }
 }
@@ -312,7 +339,7 @@ impl Program {
     fn new(subject: &Subject, plan: &Plan) -> Result<Self, BenchError> {
         let motor = subject.motor;
         let (full, unit) = (motor.full.0, motor.input_unit);
-        let Plan { excitation, seconds, level, seed } = *plan;
+        let Plan { excitation, seconds, level, seed, .. } = *plan;
         if !(1.0..=3_600.0).contains(&seconds) {
             return Err(BenchError::Seconds { found: seconds });
         }

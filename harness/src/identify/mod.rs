@@ -6,6 +6,7 @@
 
 pub mod bench;
 pub mod csv;
+pub mod dac;
 mod report;
 pub mod tune;
 

@@ -6,9 +6,12 @@ use std::fmt::{self, Write as _};
 use anstyle::{AnsiColor, Style};
 use serde::Serialize;
 use torno_identify::discrete::Discrete;
-use torno_identify::{Data, Estimate, Finding, FirstOrder, Fitted, SecondOrder, arx, doubt, nls, second_order, step};
+use torno_identify::{
+    Data, Estimate, Finding, FirstOrder, Fitted, Sample, SecondOrder, arx, doubt, nls, second_order, step,
+};
 
 use super::bench::{LOOP_GAIN, Recording, Useless};
+use super::dac::Dac;
 use torno_plot::{Figure, Panel, Series, Style as Drawn};
 
 /// The units of a motor's input and speed.
@@ -343,6 +346,9 @@ pub struct Identification {
     /// What was taken for granted, or out of the data.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
+    /// What has made a voltage of the speed, if anything has.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub converter: Option<Dac>,
     /// What is to be built on.
     pub result: Outcome,
     /// Everything that was tried.
@@ -462,19 +468,25 @@ impl Identification {
             warnings,
             model,
         };
-        Ok(Self { subject, units, period_s, axis, notes: Vec::new(), result, runs })
+        Ok(Self { subject, units, period_s, axis, notes: Vec::new(), converter: None, result, runs })
     }
 
-    /// The data of the run that is built on, with its model and the paper's over it, and the input below.
+    /// The data of the run that is built on, with its model and the paper's over it, and the input below. Where a
+    /// converter has made a voltage of the speed, as an oscilloscope shows it: held from the end of a window on.
     pub fn figure(&self) -> Figure {
         let run = self.runs.iter().find(|run| run.input == self.result.input);
         let Some((run, recording)) = run.and_then(|run| Some((run, run.recording.as_ref()?))) else {
             return Figure::default();
         };
         let data = &recording.data;
-        let times = || data.instants().into_iter();
-        let measured = times().zip(data.samples()).map(|(t, sample)| (t, sample.speed)).collect();
-        let mut series = vec![Series::new("counted", Drawn::Dots, measured)];
+        let (name, drawn, scale) = match &self.converter {
+            Some(dac) => ("converter", Drawn::Steps, dac.volts_per_rad_per_s),
+            None => ("counted", Drawn::Dots, 1.0),
+        };
+        let shown_at = |(t, sample): (f64, &Sample)| if self.converter.is_some() { sample.time } else { t };
+        let times = || data.instants().into_iter().zip(data.samples()).map(shown_at);
+        let measured = times().zip(data.samples()).map(|(t, sample)| (t, scale * sample.speed)).collect();
+        let mut series = vec![Series::new(name, drawn, measured)];
         let shown =
             |row: &&Row| row.method == self.result.method || matches!(row.method, Method::Eq4 | Method::PeakSettling);
         let mut rows: Vec<&Row> = run.methods.iter().filter(shown).collect();
@@ -482,7 +494,7 @@ impl Identification {
         for row in rows {
             let Some(fitted) = &row.fitted else { continue };
             let style = if row.method == self.result.method { Drawn::Line } else { Drawn::Dashed };
-            let model = times().zip(nls::simulate(data, fitted)).collect();
+            let model = times().zip(nls::simulate(data, fitted)).map(|(t, speed)| (t, scale * speed)).collect();
             series.push(Series::new(row.method.words(), style, model));
         }
         let mut panels = Vec::new();
@@ -507,7 +519,8 @@ impl Identification {
             }));
             panels.push(panel("position, counts".to_owned(), 0.8, series));
         }
-        panels.push(panel(format!("speed, {speed}"), 1.0, series));
+        let what = if self.converter.is_some() { "converter, V".to_owned() } else { format!("speed, {speed}") };
+        panels.push(panel(what, 1.0, series));
         panels.push(panel(format!("input, {input_unit}"), 0.45, vec![Series::new("input", Drawn::Steps, input)]));
         Figure { title: format!("{}: {}", self.subject, self.result.input), panels }
     }
@@ -531,6 +544,10 @@ impl fmt::Display for Identification {
             writeln!(text, "{:<9}{}", "friction", estimate(friction, self.result.friction_interval, input_unit))?;
         }
         writeln!(text, "{:<9}{fit_percent:.1} % of the response; {}, {input}", "fit", method.words())?;
+        if let Some(dac) = &self.converter {
+            let step = self.runs.iter().find_map(|run| run.recording.as_ref()?.data.step());
+            dac.write(text, *gain, input_unit, step.map(|(input, _)| input))?;
+        }
         for note in &self.notes {
             writeln!(text, "{:<9}{note}", "note")?;
         }
@@ -553,6 +570,24 @@ impl fmt::Display for Identification {
             }
         }
         Ok(())
+    }
+}
+
+impl Dac {
+    fn write(&self, text: &mut fmt::Formatter<'_>, gain: f64, input_unit: &str, step: Option<f64>) -> fmt::Result {
+        let Self { volts_per_step, steps_per_count, volts_per_rad_per_s, volts_at_5500_rpm, .. } = self;
+        let (mv, steps) = (1e3 * volts_per_step, short(*steps_per_count));
+        writeln!(text, "{:<9}8 bits, R-2R: {mv:.2} mV a step, a count times {steps}", "ladder")?;
+        writeln!(text, "{:<9}5500 rpm are {volts_at_5500_rpm:.2} V", "")?;
+        let gain = gain * volts_per_rad_per_s;
+        write!(text, "{:<9}{} V per {input_unit}", "in volts", digits(gain))?;
+        if let Some(input) = step {
+            let settled = gain * input;
+            let risen = settled * (1.0 - libm::exp(-1.0));
+            let input = short(input);
+            write!(text, "; a step of {input} {input_unit} ends at {settled:.2} V, and is at {risen:.2} V after tau")?;
+        }
+        writeln!(text)
     }
 }
 
