@@ -199,9 +199,10 @@ fn a_browser_shows_the_plots_and_looks_closer() {
     let html = html.replacen("<head>", WATCH, 1).replacen("</body>", DRAG, 1);
     let Some(dom) = opened(&html) else { return };
     assert_eq!(data(&dom, "error"), None);
-    // Three motors with two lines of their own and two below; what stands still is flat, but long.
-    assert_eq!(data(&dom, "lines").as_deref(), Some("12"));
-    assert_eq!(data(&dom, "visible").as_deref(), Some("12"));
+    // Three motors with two lines of their own and two below, and the speed of the feed. What stands still is flat,
+    // but long.
+    assert_eq!(data(&dom, "lines").as_deref(), Some("13"));
+    assert_eq!(data(&dom, "visible").as_deref(), Some("13"));
     for id in CHARTS {
         let chart = chart(&dom, id);
         let long = |line: &str| line.split('"').next().is_some_and(|points| points.len() > 100);

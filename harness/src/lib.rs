@@ -28,5 +28,6 @@ pub mod send;
 pub mod servo;
 pub mod session;
 pub mod socket;
+pub mod speed;
 pub mod sweep;
 pub mod text_file;

@@ -150,7 +150,7 @@ impl Session {
         let rig = Rig::start(file, driver, uart).await?;
         Ok(Self {
             digest: Digest::new(rig.layout()),
-            telemetry: Telemetry::new(&rig),
+            telemetry: Telemetry::new(&rig).with_speeds(file),
             replies: file.gateways().map(|gateway| Replies::new(gateway.dialect)).collect(),
             faults: Faults::default(),
             recorder: None,
@@ -523,6 +523,7 @@ impl Session {
                 happened.outside.push((at, gateway, hear(replies, at, event)));
             }
         }
+        self.telemetry.settle(happened.settled);
         for hit in self.rig.take_hits() {
             let begun = self.faults.see(&mut self.rig, hit, &self.replies[PC]);
             happened.begun.extend(begun);

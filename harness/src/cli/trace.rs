@@ -9,6 +9,7 @@ use torno::pins::pins;
 use torno::report::Cut;
 use torno::report::page::Page;
 use torno::rig::file::RigFile;
+use torno::speed::with_speeds;
 use torno_protocol::board::Pin;
 use torno_protocol::time::{Instant, Span};
 use torno_trace::analyser::rows;
@@ -86,6 +87,7 @@ impl Arguments {
             let (kinds, csv) = if self.csv { (vec!["telemetry".to_owned()], true) } else { (self.shown.kind, false) };
             let from = self.from.unwrap_or(Instant::START);
             let wanted = Wanted { from, to: self.to, lines: self.shown.line, boards: self.shown.board, kinds };
+            let trace = if csv { with_speeds(&trace) } else { trace };
             let rows = rows(&trace, &Filter::new(&trace.header, &wanted)?, torno_machines::dialect);
             let colour = colour();
             let show = |row: &Row| match () {

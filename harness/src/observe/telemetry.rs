@@ -2,19 +2,33 @@
 
 use std::collections::BTreeMap;
 
-use crate::rig::Rig;
 use torno_engine::{Fact, NodeId};
+use torno_protocol::time::Instant;
+
+use crate::rig::Rig;
+use crate::rig::file::RigFile;
+use crate::speed::AxisSpeed;
 
 /// The last value of every quantity of every board.
 pub struct Telemetry {
     nodes: Vec<Vec<(String, i64)>>,
+    speeds: Vec<AxisSpeed>,
+    /// Everything before this has been noted.
+    settled: Instant,
 }
 
 impl Telemetry {
     /// The quantities of `rig`, at their initial values.
     pub fn new(rig: &Rig) -> Self {
         let signals = rig.nodes().iter().map(|node| &node.description.signals);
-        Self { nodes: signals.map(|signals| signals.iter().map(|s| (s.name.clone(), s.initial)).collect()).collect() }
+        let nodes = signals.map(|signals| signals.iter().map(|s| (s.name.clone(), s.initial)).collect()).collect();
+        Self { nodes, speeds: Vec::new(), settled: Instant::START }
+    }
+
+    /// The same with the speeds of the axes, which no board tells.
+    #[must_use]
+    pub fn with_speeds(self, file: &RigFile) -> Self {
+        Self { speeds: AxisSpeed::of(file), ..self }
     }
 
     /// Takes note of a fact.
@@ -23,7 +37,13 @@ impl Telemetry {
             && let Some((_, last)) = self.nodes[*node].get_mut(usize::from(*signal))
         {
             *last = *value;
+            self.speeds.iter_mut().for_each(|speed| _ = speed.note(fact));
         }
+    }
+
+    /// Everything before `settled` has been noted.
+    pub const fn settle(&mut self, settled: Instant) {
+        self.settled = settled;
     }
 
     /// The value of a board's quantity.
@@ -36,8 +56,10 @@ impl Telemetry {
         self.nodes[node].iter().map(|(_, value)| *value).collect()
     }
 
-    /// The quantities of a board.
+    /// The quantities of a board, and the speeds of its axes.
     pub fn of(&self, node: NodeId) -> BTreeMap<String, i64> {
-        self.nodes[node].iter().cloned().collect()
+        let speeds = self.speeds.iter().filter(|speed| speed.node == node);
+        let speeds = speeds.map(|speed| (speed.signal.name.clone(), speed.at(self.settled)));
+        self.nodes[node].iter().cloned().chain(speeds).collect()
     }
 }

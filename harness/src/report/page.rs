@@ -9,6 +9,7 @@ use super::series::{Course, Courses, Motion, decimated, lasting};
 use super::timeline::{Bus, PC_HELD, Said};
 use super::{Cut, Shares, Stats, Summary};
 use crate::session::INTERRUPTED;
+use crate::speed::with_speeds;
 use torno_trace::Trace;
 
 const STYLE: &str = include_str!("page/style.css");
@@ -32,6 +33,10 @@ pub struct Page<'a> {
 impl Page<'_> {
     /// The page.
     pub fn html(&self) -> String {
+        Page { trace: &with_speeds(self.trace), ..*self }.draw()
+    }
+
+    fn draw(&self) -> String {
         let courses = Courses::new(self.trace);
         let motions = courses.motions(self.trace);
         let bus = Bus::new(self.trace, &courses);
@@ -119,6 +124,9 @@ impl Page<'_> {
         add(motion.what, &motion.unit, 170, keys, &got);
         if let Some(error) = &motion.error {
             add("following error", &motion.unit, 92, Vec::new(), &[series("error", error)]);
+        }
+        if let Some((unit, speed)) = &motion.speed {
+            add("speed", unit, 92, Vec::new(), &[series("speed", speed)]);
         }
         if let Some(drive) = &motion.drive {
             add("drive", "LSB", 92, Vec::new(), &[series("drive", drive)]);

@@ -31,6 +31,8 @@ pub struct Motion {
     pub error: Option<Course>,
     /// The drive, in LSB.
     pub drive: Option<Course>,
+    /// How fast an axis moved, and in what unit.
+    pub speed: Option<(String, Course)>,
     /// How far the carriage is from where its board believes it to be, if it ever was.
     pub offset: Option<Course>,
 }
@@ -68,9 +70,10 @@ impl Courses {
 fn motions(board: &str, description: &Description, courses: &[Course]) -> Vec<Motion> {
     let mut found: Vec<(u8, Role)> = Vec::new();
     for signal in &description.signals {
-        if let (Some(motor), Role::Speed | Role::Position) = (signal.motor, signal.role)
-            && !found.contains(&(motor, signal.role))
-        {
+        let (Some(motor), Role::Speed | Role::Position) = (signal.motor, signal.role) else { continue };
+        // An axis's speed is shown beside its position.
+        let of_axis = signal.role == Role::Speed && description.signal(motor, Role::Position, None).is_some();
+        if !of_axis && !found.contains(&(motor, signal.role)) {
             found.push((motor, signal.role));
         }
     }
@@ -90,6 +93,8 @@ fn motion(board: &str, description: &Description, courses: &[Course], motor: u8,
         (None, Some(rest)) => (Some(merged(got, rest, i64::saturating_add)), Some(rest.clone())),
         (None, None) => (None, None),
     };
+    let speed = description.signal(motor, Role::Speed, None).map(usize::from);
+    let speed = speed.and_then(|place| Some((description.signals[place].unit.clone(), courses.get(place)?.clone())));
     let offset = find(Role::Offset, Some(unit)).filter(|course| course.iter().any(|(_, value)| *value != 0));
     Some(Motion {
         name: description.motor_name(motor).map_or_else(|| board.to_owned(), |motor| format!("{board} {motor}")),
@@ -99,6 +104,7 @@ fn motion(board: &str, description: &Description, courses: &[Course], motor: u8,
         asked,
         error,
         drive: find(Role::Drive, None).cloned(),
+        speed: speed.filter(|_| role == Role::Position),
         offset: offset.cloned(),
     })
 }
