@@ -29,18 +29,20 @@ const CRATES: [Crate; 16] = [
     Crate { folder: "harness/trace", pure: false, may_use: &["protocol", "text", "engine", "bus"] },
     Crate { folder: "harness/identify", pure: true, may_use: &[] },
     Crate { folder: "harness/part", pure: true, may_use: &[] },
+    Crate { folder: "harness/planner", pure: true, may_use: &["protocol", "gcode", "part"] },
     Crate { folder: "harness/plot", pure: true, may_use: &["text"] },
     Crate { folder: "harness/servo", pure: true, may_use: &[] },
     Crate {
         folder: "harness/machines",
         pure: true,
-        may_use: &["protocol", "text", "engine", "bus", "master", "slaves", "dspic", "part", "servo"],
+        may_use: &["protocol", "text", "engine", "bus", "master", "slaves", "dspic", "part", "planner", "servo"],
     },
     Crate {
         folder: "harness",
         pure: false,
         may_use: &[
-            "protocol", "gcode", "text", "engine", "bus", "trace", "machines", "identify", "part", "plot", "servo",
+            "protocol", "gcode", "text", "engine", "bus", "trace", "machines", "identify", "part", "planner", "plot",
+            "servo",
         ],
     },
 ];
