@@ -188,6 +188,8 @@ impl Machine for DepthMachine {
 
 #[cfg(test)]
 mod tests {
+    use torno_protocol::time::Span;
+
     use super::*;
 
     /// What became of each poll, with the axis at these counts: the drive after it, and whether it was done.
@@ -220,5 +222,37 @@ mod tests {
         // One poll outside, and it counts again.
         let found: Vec<bool> = polls(2, &[2, 2, 2, 4, 3, 3, 3, 3]).iter().map(|(_, done)| *done).collect();
         assert_eq!(found, [false, false, false, false, false, false, false, true]);
+    }
+
+    #[test]
+    fn it_stops_past_the_first_edge_of_its_slot_by_what_the_settings_say() {
+        for poll_ms in [1, 10, 40] {
+            let mut settings = DepthSettings::default();
+            settings.controller.poll_ms = poll_ms;
+            let slots_per_mm = settings.slots_per_mm();
+            let (overrun, poll) = (settings.overrun_slots(), f64::from(poll_ms) / 1_000.0);
+            let (mut machine, _) = DepthMachine::new(&settings);
+            let mut now = Instant::START;
+            let mut slot = 0.0;
+            for (slots, direction) in [(5, 1), (3, 1), (4, 0), (2, 0), (6, 1)] {
+                machine.start(now, DepthSubFrame::parse([0, slots, direction]).unwrap());
+                let sense = if direction == 0 { 1.0 } else { -1.0 };
+                slot += sense * f64::from(slots);
+                loop {
+                    now += Span::from_millis(u64::from(poll_ms));
+                    if machine.sample(now, true) == Progress::Done {
+                        break;
+                    }
+                }
+                // To the very end of coasting.
+                now += Span::from_secs(1);
+                machine.advance(now);
+                let expected = slot - sense * (0.5 - overrun);
+                let off = machine.axis.motor() * slots_per_mm - expected;
+                // Where between two polls the edge lies is left open.
+                let open = 0.5 * poll * slots_per_mm * settings.speed_mm_per_s() + 1e-3;
+                assert!(off.abs() <= open, "{poll_ms} ms: {off} of {open} slots");
+            }
+        }
     }
 }

@@ -139,7 +139,7 @@ pub fn mm_per_count(kind: &str, settings: &str, motor: u8) -> Result<Option<f64>
     with(kind, settings, |found, settings| (found.mm_per_count)(settings, motor))
 }
 
-fn with<T>(
+pub(crate) fn with<T>(
     kind: &str,
     settings: &str,
     then: impl Fn(&Kind, &Settings<'_>) -> Result<T, Complaint>,

@@ -11,6 +11,8 @@ mod servo;
 mod testing;
 pub mod workpiece;
 
+pub use lathe::{Axes, axes};
+
 use torno_bus::Dialect;
 
 use kinds::Kind;

@@ -176,7 +176,7 @@ impl TransverseSettings {
     }
 
     /// The sampling time, in s.
-    pub(crate) fn sample_s(&self) -> f64 {
+    pub fn sample_s(&self) -> f64 {
         f64::from(self.controller.sample_ms) / 1_000.0
     }
 }

@@ -1,8 +1,11 @@
 //! The lathe: Peña & Martínez, *Sistema electrónico de control de un torno CNC didáctico* (2009).
 
+mod axes;
 mod boards;
 mod cable;
 mod dialect;
+
+pub use axes::{Axes, axes};
 
 use crate::Machine;
 
