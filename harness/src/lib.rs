@@ -15,6 +15,7 @@ pub mod live;
 pub mod observe;
 pub mod pace;
 pub mod pins;
+pub mod planning;
 pub mod play;
 pub mod port;
 mod ready;

@@ -15,6 +15,8 @@ pub struct Finding {
     pub severity: Severity,
     /// What is wrong.
     pub message: String,
+    /// It may follow from another error before it.
+    pub follows: bool,
 }
 
 /// So many errors are kept, and so many warnings.
@@ -42,17 +44,25 @@ pub(crate) struct Findings {
 
 impl Findings {
     pub(crate) fn refuse(&mut self, line: usize, word: u8, message: impl Into<Cow<'static, str>>) {
+        self.add(line, word, message.into().into_owned(), false);
+    }
+
+    /// The same, where the error may follow from another one.
+    pub(crate) fn refuse_what_follows(&mut self, line: usize, word: u8, message: String) {
+        self.add(line, word, message, true);
+    }
+
+    fn add(&mut self, line: usize, word: u8, message: String, follows: bool) {
         self.refused += 1;
         if self.refused <= FINDINGS_MAX {
-            let message = message.into().into_owned();
-            self.list.push(Finding { line, word, severity: Severity::Error, message });
+            self.list.push(Finding { line, word, severity: Severity::Error, message, follows });
         }
     }
 
     pub(crate) fn warn(&mut self, once: Once, line: usize, word: u8, message: impl FnOnce() -> String) {
         if !self.told.contains(&once) {
             self.told.push(once);
-            self.list.push(Finding { line, word, severity: Severity::Warning, message: message() });
+            self.list.push(Finding { line, word, severity: Severity::Warning, message: message(), follows: false });
         }
     }
 

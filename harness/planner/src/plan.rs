@@ -307,7 +307,11 @@ impl Planner {
         if let Some(Place { z, x }) = meets {
             let (z, x) = (z - shift.z, x - shift.x);
             let word = if (to.x - self.at.x).abs() > NOISE { b'x' } else { b'z' };
-            self.findings.refuse(line, word, format!("the rapid cuts the part at Z {z:.3}, X {x:.3} (radius)"));
+            self.findings.refuse_what_follows(
+                line,
+                word,
+                format!("the rapid cuts the part at Z {z:.3}, X {x:.3} (radius)"),
+            );
         }
         for corner in [corner, to] {
             if (corner.x - self.at.x).abs() > NOISE {
@@ -420,7 +424,7 @@ impl Planner {
             Turning::Yes => return,
         };
         if !cut.refused {
-            findings.refuse(cut.line, why.0, why.1);
+            findings.refuse_what_follows(cut.line, why.0, why.1);
         }
         cut.refused = true;
     }

@@ -11,7 +11,7 @@ use torno::rig::Driver;
 use torno::rig::file::RigFile;
 use torno_protocol::lathe::Program;
 
-use super::{FAILED, INTERRUPTED, Interrupt, load_program, print_result};
+use super::{FAILED, INTERRUPTED, Interrupt, Loaded, load_program, print_result};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -19,7 +19,8 @@ pub(super) struct Arguments {
     rig: String,
     /// Another
     other: String,
-    /// A program: a text file with eight hexadecimal bytes a line [default: a stepped shaft]
+    /// A program: a text file with eight hexadecimal bytes a line, or G-code, which is planned for the first rig
+    /// [default: a stepped shaft]
     program: Option<PathBuf>,
     /// Sets what the rig files could say, in each rig that has such a place (may be given several times)
     #[arg(long, value_name = "PLACE=VALUE")]
@@ -71,7 +72,7 @@ impl Arguments {
         for text in &self.set {
             set(&mut rigs, text)?;
         }
-        let (name, program) = load_program(self.program.as_deref())?;
+        let Loaded { name, program, .. } = load_program(self.program.as_deref(), &rigs[0].file)?;
         let frames = program.frames.len();
         let mut interrupt = Interrupt::listen()?;
         let [a, b] = rigs;

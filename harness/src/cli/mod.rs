@@ -39,10 +39,12 @@ use torno::play::DEMONSTRATION;
 use torno::recorder::Recorder;
 use torno::rig::file::{DEFAULT, RigFile};
 use torno::text_file::TextError;
+use torno_part::Profile;
 use torno_protocol::lathe::Program;
 use torno_trace::{Damage, Header, Trace};
 
 use exit::{FAILED, INTERRUPTED, USAGE};
+use gcode::plan::is_gcode;
 use join::wait_for_boards;
 use output::{OutputFile, colour, draw, print, print_beside, print_result, print_text, write_file, written};
 
@@ -97,7 +99,7 @@ enum Command {
     Compare(compare::Arguments),
     /// Is the PC program of the servo stand: checks, draws and runs motion programs.
     Servo(servo::Arguments),
-    /// Reads G-code: checks a program, prints the motions that it asks for.
+    /// Reads G-code: checks a program, prints the motions that it asks for, plans it for a lathe.
     Gcode(gcode::Arguments),
     /// Prints a recorded trace as a bus analyser would, or exports it.
     Trace(trace::Arguments),
@@ -151,7 +153,7 @@ fn run(started: Instant) -> ExitCode {
             Command::Tune(arguments) => arguments.run().await,
             Command::Compare(arguments) => arguments.run().await,
             Command::Servo(arguments) => arguments.run().await,
-            Command::Gcode(arguments) => arguments.run(),
+            Command::Gcode(arguments) => arguments.run().await,
             Command::Trace(arguments) => arguments.run(),
             Command::Replay(arguments) => arguments.run(started).await,
             Command::Diff(arguments) => arguments.run(),
@@ -174,10 +176,12 @@ fn complain(error: &anyhow::Error) -> ExitCode {
     ExitCode::from(exit::code(error))
 }
 
-/// A rig and a program, from two optional words: a word that ends in `.frames` is a program.
+/// A rig and a program, from two optional words: a word that ends in `.frames` or as G-code does is a program.
 fn rig_and_program(rig: Option<String>, program: Option<PathBuf>) -> (String, Option<PathBuf>) {
     match (rig, program) {
-        (Some(word), None) if word.ends_with(".frames") => (DEFAULT.to_owned(), Some(PathBuf::from(word))),
+        (Some(word), None) if word.ends_with(".frames") || is_gcode(Path::new(&word)) => {
+            (DEFAULT.to_owned(), Some(PathBuf::from(word)))
+        }
         (rig, program) => (rig.unwrap_or_else(|| DEFAULT.to_owned()), program),
     }
 }
@@ -206,16 +210,28 @@ fn plays_frames(file: &RigFile) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The program in a file, or the demonstration; with its name.
-fn load_program(path: Option<&Path>) -> anyhow::Result<(String, Program)> {
+/// A program that a rig is to play.
+struct Loaded {
+    name: String,
+    program: Program,
+    /// What G-code asks for: the bar, as its path cuts it.
+    asked: Option<Profile>,
+}
+
+/// The program in a file, or the demonstration. G-code is planned for the rig.
+fn load_program(path: Option<&Path>, rig: &RigFile) -> anyhow::Result<Loaded> {
     let Some(path) = path else {
         let (name, text) = DEMONSTRATION;
-        return Ok((name.to_owned(), Program::parse(text).context(name)?));
+        return Ok(Loaded { name: name.to_owned(), program: Program::parse(text).context(name)?, asked: None });
     };
     let name = path.display().to_string();
+    if is_gcode(path) {
+        let plan = gcode::plan::load(path, rig)?;
+        return Ok(Loaded { name, program: plan.program, asked: plan.report.stock.map(|stock| stock.profile) });
+    }
     let text = torno::text_file::read(path).map_err(|error| unreadable(error, &name))?;
     let program = Program::parse(&text).with_context(|| name.clone())?;
-    Ok((name, program))
+    Ok(Loaded { name, program, asked: None })
 }
 
 /// Why the program in a file of this name cannot be read.

@@ -22,15 +22,16 @@ use tracing::Instrument;
 
 use super::options::{Placement, drawing, time, timescale};
 use super::{
-    FAILED, INTERRUPTED, Interrupt, OutputFile, load_program, load_rig, print_beside, rig_and_program, rig_span,
-    start_recording, wait_for_boards, written,
+    FAILED, INTERRUPTED, Interrupt, Loaded, OutputFile, load_program, load_rig, print_beside, rig_and_program,
+    rig_span, start_recording, wait_for_boards, written,
 };
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
     /// A built-in rig or a rig file [default: lathe]
     rig: Option<String>,
-    /// A program: a text file with eight hexadecimal bytes a line [default: a stepped shaft]
+    /// A program: a text file with eight hexadecimal bytes a line, or G-code (.ngc .nc .tap .gcode .cnc .gc), which is
+    /// planned first [default: a stepped shaft]
     program: Option<PathBuf>,
     /// Virtual seconds per second, or 'max'
     #[arg(long, default_value = "max", value_name = "N|max")]
@@ -100,7 +101,7 @@ impl Arguments {
         program: Option<PathBuf>,
     ) -> anyhow::Result<ExitCode> {
         super::plays_frames(&file)?;
-        let (program_name, program) = load_program(program.as_deref())?;
+        let Loaded { name: program_name, program, asked } = load_program(program.as_deref(), &file)?;
         let of_part = [("--part", self.part.is_some()), ("--tolerance", self.tolerance.is_some())];
         if let Some((option, _)) = of_part.iter().find(|(_, given)| *given && file.part.is_none()) {
             anyhow::bail!("{option}: the rig '{}' turns no part: expected a [part] in its file", file.name);
@@ -116,7 +117,7 @@ impl Arguments {
         let [vcd, drawing, report] =
             [&self.vcd, &self.part, &self.report].map(|path| path.as_ref().map(OutputFile::create));
         let (vcd, drawing, report) = (vcd.transpose()?, drawing.transpose()?, report.transpose()?);
-        let asked = file.part.as_ref().map(|part| (part.clone(), part.asked(&program)));
+        let asked = file.part.as_ref().map(|part| (part.clone(), asked.unwrap_or_else(|| part.asked(&program))));
         let header = file.header(&rig, seed, Some(&program_name));
         let keep = (report.is_some() || self.pins).then(|| header.clone());
         let recorder = self.record.as_deref().map(|path| start_recording(path, &header)).transpose()?;

@@ -12,12 +12,16 @@ use torno_protocol::lathe::{BAUD, Outcome, Tally};
 use torno_protocol::time::Span;
 
 use super::options::time;
-use super::{FAILED, INTERRUPTED, Interrupt, load_program, print, print_result};
+use super::{DEFAULT, FAILED, INTERRUPTED, Interrupt, Loaded, load_program, load_rig, print, print_result};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// The program: a text file with eight hexadecimal bytes a line
+    /// The program: a text file with eight hexadecimal bytes a line, or G-code (.ngc .nc .tap .gcode .cnc .gc), which is
+    /// planned first
     program: PathBuf,
+    /// The rig that G-code is planned for: a built-in rig or a rig file
+    #[arg(long, default_value = DEFAULT)]
+    rig: String,
     /// The serial port: the link that 'torno up' prints, or a real machine's
     #[arg(long)]
     port: String,
@@ -40,7 +44,7 @@ fn patience(text: &str) -> Result<Span, String> {
 
 impl Arguments {
     pub(super) async fn run(self, started: Instant) -> anyhow::Result<ExitCode> {
-        let (program_name, program) = load_program(Some(&self.program))?;
+        let Loaded { name: program_name, program, .. } = load_program(Some(&self.program), &load_rig(&self.rig, &[])?)?;
         let frames = program.frames.len();
         let patience = Duration::from_nanos(self.patience.as_nanos());
         let send = Send { program, port: self.port.clone(), baud: self.baud, patience };

@@ -28,6 +28,12 @@ impl Bar {
         Self { bar, wall }
     }
 
+    /// A bar for so many frames, from now on.
+    #[expect(clippy::disallowed_methods, reason = "a bar shows wall time")]
+    pub fn of_frames(frames: usize) -> Self {
+        Self::new(frames, std::time::Instant::now())
+    }
+
     /// A bar for so many scenarios.
     #[expect(clippy::disallowed_methods, reason = "a bar shows wall time")]
     pub fn of_scenarios(scenarios: u64) -> Self {

@@ -30,13 +30,16 @@ pub struct Settings {
     pub skip_deleted: bool,
     /// Where the tool is when the program begins. Default: zero.
     pub start: Place,
+    /// Where G28 and G30 go unless the program says otherwise, in the machine's coordinates. Default: zero.
+    pub home: Place,
     /// A program with O words ends after so many lines at the latest. Default: ten million.
     pub steps_max: u64,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { dialect: None, strict: false, skip_deleted: false, start: Place::default(), steps_max: 10_000_000 }
+        let (start, home) = (Place::default(), Place::default());
+        Self { dialect: None, strict: false, skip_deleted: false, start, home, steps_max: 10_000_000 }
     }
 }
 
@@ -74,7 +77,7 @@ impl Interpreter {
     pub fn new(settings: &Settings) -> Self {
         let program = Program {
             settings: settings.clone(),
-            machine: Machine::new(settings.start),
+            machine: Machine::new(settings.start, settings.home),
             block: Block::default(),
             fanuc: fanuc::State::default(),
             outcome: Outcome::default(),

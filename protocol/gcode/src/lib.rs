@@ -17,6 +17,7 @@ mod arc;
 mod block;
 mod canon;
 mod codes;
+mod columns;
 mod dialect;
 mod execute;
 mod expression;
@@ -28,6 +29,7 @@ mod lexer;
 mod machine;
 
 pub use canon::{Feed, Kind, Motion, NotCanonical, Place, Plane, Sense, Speed, Turn};
+pub use columns::Columns;
 pub use dialect::Dialect;
 pub use finding::{Finding, Severity};
 pub use interpreter::{Interpreter, Outcome, Settings, interpret};

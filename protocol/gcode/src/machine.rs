@@ -89,7 +89,7 @@ pub(crate) struct Machine {
 }
 
 impl Machine {
-    pub(crate) fn new(start: Place) -> Self {
+    pub(crate) fn new(start: Place, home: Place) -> Self {
         Self {
             line: 0,
             warnings: Vec::new(),
@@ -115,7 +115,7 @@ impl Machine {
             tool_offset: [0.0; 4],
             offsets: [0.0; 4],
             motions: 0,
-            home: [[0.0; 4]; 2],
+            home: [home.axes(); 2],
             selected_tool: 0,
             tool: 0,
             ended: false,

@@ -1,0 +1,128 @@
+//! What the planner of G-code has to know of a rig.
+
+use torno_machines::axes;
+use torno_machines::workpiece::{Part, Source};
+use torno_part::Place;
+use torno_planner::{Scale, Settings, Side, Stock};
+use torno_protocol::lathe::Program;
+
+use crate::rig::file::RigFile;
+
+/// Why no program can be planned for a rig.
+#[derive(Debug, thiserror::Error)]
+pub enum PlanningError {
+    /// It takes no frames.
+    #[error("G-code is planned for rigs that speak {}, and the rig '{rig}' speaks {dialect}", Program::DIALECT)]
+    Dialect {
+        /// The rig.
+        rig: String,
+        /// What is said on the PC's line.
+        dialect: &'static str,
+    },
+    /// It has no such axis.
+    #[error("the rig '{rig}' has no board that moves {axis}: expected the lathe's boards")]
+    NoAxis {
+        /// The rig.
+        rig: String,
+        /// The axis, in words.
+        axis: &'static str,
+    },
+    /// The tool is moved by something else.
+    #[error("the [part] of the rig '{rig}': {axis}, the tool is not moved by the board '{board}', which frames move")]
+    OtherBoard {
+        /// The rig.
+        rig: String,
+        /// The axis, in words.
+        axis: &'static str,
+        /// The board.
+        board: String,
+    },
+}
+
+const ALONG: &str = "along the bar";
+const ACROSS: &str = "across the bar";
+
+/// How a program is planned for a rig: what frames are worth there, what the tool meets, and where it stands at the
+/// start, unless the program calls that place `start`.
+///
+/// # Errors
+/// [`PlanningError`] if frames mean nothing on it, or something else.
+pub fn settings(file: &RigFile, start: Option<Place>, side: Side) -> Result<Settings, PlanningError> {
+    let rig = || file.name.clone();
+    if file.pc.dialect.name() != Program::DIALECT {
+        return Err(PlanningError::Dialect { rig: rig(), dialect: file.pc.dialect.name() });
+    }
+    // The settings have been checked with the file.
+    let boards = file.boards.iter().enumerate();
+    let boards: Vec<_> =
+        boards.filter_map(|(node, board)| Some((node, axes(&board.kind, &board.settings).ok()?))).collect();
+    let feed = boards.iter().find_map(|(node, axes)| Some(((*node, axes.feed?.0), axes.feed?.1)));
+    let infeed = boards.iter().find_map(|(node, axes)| Some(((*node, axes.infeed?.0), axes.infeed?.1)));
+    let (of_feed, mut feed) = feed.ok_or_else(|| PlanningError::NoAxis { rig: rig(), axis: ALONG })?;
+    let (of_infeed, mut infeed) = infeed.ok_or_else(|| PlanningError::NoAxis { rig: rig(), axis: ACROSS })?;
+    let mut stock = None;
+    if let Some(part) = &file.part {
+        for (axis, way, moved) in [(ALONG, &part.z.way, of_feed), (ACROSS, &part.x.way, of_infeed)] {
+            if !is_moved_by(file, way, moved) {
+                return Err(PlanningError::OtherBoard { rig: rig(), axis, board: file.boards[moved.0].name.clone() });
+            }
+        }
+        (feed.mm_per_count, infeed.mm_per_slot) = (part.z.way.per_count, part.x.way.per_count);
+        stock = Some(bar(part));
+    }
+    let here = stock.as_ref().map(|stock| stock.start).unwrap_or_default();
+    Ok(Settings {
+        scale: Scale { feed, infeed },
+        start: start.unwrap_or(here),
+        side,
+        bore: false,
+        stock,
+        frames_max: Settings::FRAMES_MAX,
+    })
+}
+
+/// Whether all quantities of a source are about one motor of a board.
+fn is_moved_by(file: &RigFile, way: &Source, (node, motor): (usize, u8)) -> bool {
+    let signals = &file.boards[node].description.signals;
+    let about = |signal: &u8| signals.get(usize::from(*signal)).is_some_and(|signal| signal.motor == Some(motor));
+    way.node == node && way.signals.iter().all(about)
+}
+
+fn bar(part: &Part) -> Stock {
+    Stock { profile: part.bar(), nose: part.nose, limits: part.limits, start: part.place(0, 0) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn planned(rig: &str, set: &[&str]) -> Result<Settings, PlanningError> {
+        let file = set.iter().fold(RigFile::load(rig).unwrap(), |file, set| file.set(set).unwrap());
+        settings(&file, None, Side::Middle)
+    }
+
+    #[test]
+    fn what_a_frame_is_worth_comes_from_the_rig() {
+        for rig in ["lathe", "lathe-dspic"] {
+            let Settings { scale, start, .. } = planned(rig, &[]).unwrap();
+            assert!((scale.feed.unit() - 40.0 / 9.0).abs() < 1e-9 && (start.x - 14.0 - 2.0 * 8.0 / 45.0).abs() < 1e-9);
+            assert!((scale.infeed.mm_per_slot - 8.0 / 45.0).abs() < 1e-9);
+        }
+        let finer = planned("lathe", &["transverse.plant.pitch_mm=1"]).unwrap();
+        assert!((finer.scale.feed.unit() - 20.0 / 9.0).abs() < 1e-9);
+        let slower = planned("lathe", &["depth.plant.rpm=4"]).unwrap();
+        assert!((slower.scale.infeed.mm_per_s * 60.0 - 8.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_rig_without_a_part_is_planned_for_and_one_without_frames_is_not() {
+        let text = include_str!("../builtin/lathe.toml").split("[part]").next().unwrap();
+        let bare = RigFile::parse("my.toml", text).unwrap();
+        assert!(settings(&bare, None, Side::Middle).unwrap().stock.is_none());
+        assert!(matches!(planned("servo", &[]), Err(PlanningError::Dialect { .. })));
+        let swapped = include_str!("../builtin/lathe.toml").replace("board = \"depth\"", "board = \"transverse\"");
+        let swapped = RigFile::parse("my.toml", &swapped).unwrap();
+        let message = settings(&swapped, None, Side::Middle).unwrap_err().to_string();
+        assert!(message.contains("across the bar, the tool is not moved by the board 'depth'"), "{message}");
+    }
+}
