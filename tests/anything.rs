@@ -124,7 +124,7 @@ fn corpus(name: &str) -> Vec<Vec<u8>> {
             // The payloads of recordings, without header and checksums.
             recordings().iter().map(|file| payloads(file)).collect()
         }
-        "gcode" => {
+        "gcode" | "plan" => {
             let programs = ["modes", "arcs", "offsets", "expressions", "flow", "spindle", "text", "shaft"];
             let read = |name: &str| fs::read(format!("{ROOT}/protocol/gcode/tests/programs/{name}.ngc")).unwrap();
             programs.into_iter().map(read).collect()
@@ -342,7 +342,7 @@ macro_rules! entries {
 
 entries! {
     rig_file place scenario_file fault_file program csv variation sweep_rows quantity request to_board from_board trace
-    trace_blocks motion_program servo_commands lathe_bytes gcode
+    trace_blocks motion_program servo_commands lathe_bytes gcode plan
 }
 
 #[test]

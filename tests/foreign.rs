@@ -8,12 +8,14 @@ use std::sync::LazyLock;
 
 use torno::control::Request;
 use torno::fault;
+use torno::planning;
 use torno::rig::file::{RigFile, RigFileError};
 use torno::rig::place;
 use torno::scenario::{Scenario, ScenarioError};
 use torno::sweep::{self, Grid, Run, Shard, SweepError, Variation};
 use torno_bus::Names;
-use torno_gcode::{Dialect, Interpreter, Kind, Settings, interpret};
+use torno_gcode::{Columns, Dialect, Interpreter, Kind, Settings, interpret};
+use torno_planner::{Plan, Side};
 use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{
     DepthSubFrame, Frame, Program, ProgramError, Reply, ReplyDecoder, SpindleSubFrame, TransverseSubFrame,
@@ -30,7 +32,7 @@ use torno_trace::{Damage, Writer, analyser};
 type Entry = (&'static str, fn(&[u8]));
 
 /// All of them. A fuzz target has the same name.
-pub(crate) const ENTRIES: [Entry; 18] = [
+pub(crate) const ENTRIES: [Entry; 19] = [
     ("rig_file", rig_file),
     ("place", place_in_a_rig),
     ("scenario_file", scenario_file),
@@ -49,6 +51,7 @@ pub(crate) const ENTRIES: [Entry; 18] = [
     ("servo_commands", servo_commands),
     ("lathe_bytes", lathe_bytes),
     ("gcode", gcode),
+    ("plan", plan),
 ];
 
 /// Holds these bytes against the entry of that name.
@@ -414,5 +417,35 @@ fn gcode(bytes: &[u8]) {
         bytes.chunks(1).for_each(|byte| interpreter.push(byte, &mut sink));
         assert_eq!(interpreter.finish(&mut sink), outcome, "{text:?}");
         assert_eq!(again, motions, "{text:?}");
+    }
+}
+
+/// G-code of either dialect, planned for the lathe: it comes to an end, and the master takes each frame.
+fn plan(bytes: &[u8]) {
+    let text = text(bytes).replace("\r\n", "\n").replace('\r', "\n");
+    let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
+    for (dialect, side) in [(Dialect::LinuxCnc, Side::Middle), (Dialect::Fanuc, Side::Outside)] {
+        let planning = planning::settings(&LATHE, None, side).expect("it is built in");
+        let start = torno_gcode::Place { x: planning.start.x, z: planning.start.z, ..torno_gcode::Place::default() };
+        let settings = Settings { dialect: Some(dialect), steps_max: 500, start, home: start, ..Settings::default() };
+        let (motions, _) = interpret(bytes, &settings);
+        let slot = planning.scale.infeed.mm_per_slot;
+        let mut plan: Plan<_> =
+            torno_planner::plan(torno_planner::Settings { frames_max: 2_000, ..planning }, motions.into_iter());
+        let frames: Vec<_> = plan.by_ref().collect();
+        let report = plan.report();
+        // Each motion and each end of travel may make a frame or two more than is counted.
+        assert!(frames.len() as u64 == report.frames && frames.len() < 3_000, "{} in {text:?}", frames.len());
+        for planned in &frames {
+            assert_eq!(Frame::parse(planned.frame.emit()), Ok(planned.frame), "{text:?}");
+        }
+        let mut columns = Columns::new(report.findings.iter().map(|finding| (finding.line, finding.word)));
+        columns.push(bytes);
+        for (finding, column) in report.findings.iter().zip(columns.finish()) {
+            assert!(is_in(text, finding.line.max(1), column), "{finding:?} at {column} in {text:?}");
+            assert!(!finding.message.is_empty());
+        }
+        let bound = if side == Side::Middle { 0.5 * slot } else { slot };
+        assert!(report.refused || report.worst.x <= bound + 1e-6, "{:?} in {text:?}", report.worst);
     }
 }

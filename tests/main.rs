@@ -28,6 +28,7 @@ mod machine;
 mod part;
 mod pc_port;
 mod pins;
+mod plan;
 mod processes;
 mod promise;
 mod recordings;

@@ -303,7 +303,7 @@ impl Planner {
     fn rapid(&mut self, line: usize, to: Place) {
         let (shift, away) = (self.shift(), !self.settings.bore);
         let stock = self.settings.stock.as_ref().map(|stock| (stock, shift));
-        let rapid::Way { corner, meets } = rapid::way(self.at, to, away, stock);
+        let rapid::Way { over, meets } = rapid::way(self.at, to, away, stock);
         if let Some(Place { z, x }) = meets {
             let (z, x) = (z - shift.z, x - shift.x);
             let word = if (to.x - self.at.x).abs() > NOISE { b'x' } else { b'z' };
@@ -313,12 +313,12 @@ impl Planner {
                 format!("the rapid cuts the part at Z {z:.3}, X {x:.3} (radius)"),
             );
         }
-        for corner in [corner, to] {
-            if (corner.x - self.at.x).abs() > NOISE {
-                self.slide_to(line, corner.x);
+        for to in over {
+            if (to.x - self.at.x).abs() > NOISE {
+                self.slide_to(line, to.x);
             }
-            self.feed_to(line, corner.z, TransverseSubFrame::SPEED_MAX);
-            self.at = corner;
+            self.feed_to(line, to.z, TransverseSubFrame::SPEED_MAX);
+            self.at = to;
         }
     }
 

@@ -4,32 +4,40 @@ use torno_part::Place;
 
 use crate::stock::Stock;
 
-/// The places over which a rapid goes: a corner, if both axes move.
+/// The places over which a rapid goes, the last one included: one axis moves to each, or none.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Way {
-    pub(crate) corner: Place,
-    /// Where it cuts, if it does whichever axis goes first.
+    pub(crate) over: [Place; 3],
+    /// Where it cuts, if it does in any case.
     pub(crate) meets: Option<Place>,
 }
 
 /// The way of a rapid: away from the part the infeed goes first, towards it the feed; the other way round if that cuts.
 /// `away` is the side that is outside of the part: whether radii grow there. The stock is as the program has cut it.
+///
+/// Beside its tip, the nose leaves what it would scrape off where it goes along the bar. So it is lifted by its radius
+/// if that is enough.
 pub(crate) fn way(from: Place, to: Place, away: bool, stock: Option<(&Stock, Place)>) -> Way {
     let infeed_first = Place { z: from.z, x: to.x };
     let feed_first = Place { z: to.z, x: from.x };
     let leaves = if away { to.x > from.x } else { to.x < from.x };
-    let corners = if leaves { [infeed_first, feed_first] } else { [feed_first, infeed_first] };
-    let Some((stock, shift)) = stock else { return Way { corner: corners[0], meets: None } };
+    let [usual, other] = if leaves { [infeed_first, feed_first] } else { [feed_first, infeed_first] };
+    let by = |corner: Place| [corner, to, to];
+    let Some((stock, shift)) = stock else { return Way { over: by(usual), meets: None } };
     let on_bar = |place: Place| Place { z: place.z + shift.z, x: place.x + shift.x };
-    let meets = |corner: Place| {
-        let (from, corner, to) = (on_bar(from), on_bar(corner), on_bar(to));
-        stock.meets(from, corner).or_else(|| stock.meets(corner, to))
+    let meets = |over: [Place; 3]| {
+        let mut from = on_bar(from);
+        over.map(on_bar).into_iter().find_map(|to| stock.meets(core::mem::replace(&mut from, to), to))
     };
-    let first = meets(corners[0]);
-    if first.is_none() || meets(corners[1]).is_some() {
-        return Way { corner: corners[0], meets: first };
+    let Some(met) = meets(by(usual)) else { return Way { over: by(usual), meets: None } };
+    let radius = stock.nose.radius_mm();
+    let lift = if away { from.x.max(to.x) + radius } else { from.x.min(to.x) - radius };
+    let lifted = [Place { z: from.z, x: lift }, Place { z: to.z, x: lift }, to];
+    let others = [Some(by(other)), (met.thickest <= radius).then_some(lifted)];
+    match others.into_iter().flatten().find(|over| meets(*over).is_none()) {
+        Some(over) => Way { over, meets: None },
+        None => Way { over: by(usual), meets: Some(met.place) },
     }
-    Way { corner: corners[1], meets: None }
 }
 
 #[cfg(test)]
@@ -55,8 +63,8 @@ mod tests {
 
     fn found(from: Place, to: Place) -> (Place, bool) {
         let stock = stock();
-        let Way { corner, meets } = way(from, to, true, Some((&stock, Place::default())));
-        (corner, meets.is_some())
+        let Way { over, meets } = way(from, to, true, Some((&stock, Place::default())));
+        (over[0], meets.is_some())
     }
 
     #[test]
@@ -64,7 +72,7 @@ mod tests {
         assert_eq!(found(place(10.0, -10.0), place(15.0, 1.0)), (place(15.0, -10.0), false));
         assert_eq!(found(place(15.0, -20.0), place(12.0, 1.0)), (place(15.0, 1.0), false));
         // In a bore it is the other way round.
-        let bore = |from, to| way(from, to, false, None).corner;
+        let bore = |from, to| way(from, to, false, None).over[0];
         assert_eq!(bore(place(10.0, -10.0), place(8.0, 1.0)), place(8.0, -10.0));
         assert_eq!(bore(place(8.0, 1.0), place(10.0, -2.0)), place(8.0, -2.0));
     }
@@ -83,7 +91,23 @@ mod tests {
     fn where_it_cuts_is_told() {
         let stock = stock();
         let met = stock.meets(place(12.0, 1.0), place(12.0, -20.0)).unwrap();
-        assert!((met.z + 10.0).abs() < 0.02 && met.x == 12.0, "{met:?}");
+        assert!((met.place.z + 10.0).abs() < 0.02 && met.place.x == 12.0, "{met:?}");
+        assert!((met.thickest - 2.0).abs() < 1e-9, "{met:?}");
         assert_eq!(stock.meets(place(10.0, 0.0), place(10.0, -10.0)), None);
+    }
+
+    #[test]
+    fn the_nose_is_lifted_over_what_it_has_left_beside_its_tip() {
+        let mut stock = stock();
+        stock.cut(place(12.0, -0.8), place(2.0, -0.8));
+        let shift = Place::default();
+        let back = |stock: &Stock, z: f64| way(place(2.0, -0.8), place(2.0, z), true, Some((stock, shift)));
+        let lifted = [place(2.4, -0.8), place(2.4, 1.0), place(2.0, 1.0)];
+        assert_eq!(back(&stock, 1.0), Way { over: lifted, meets: None });
+        // There is a wall.
+        assert!(back(&stock, -2.0).meets.is_some());
+        // What is left is higher than the nose's radius.
+        stock.cut(place(12.0, -4.0), place(2.0, -4.0));
+        assert!(way(place(2.0, -4.0), place(2.0, 1.0), true, Some((&stock, shift))).meets.is_some());
     }
 }

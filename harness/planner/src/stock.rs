@@ -20,6 +20,15 @@ pub struct Stock {
     pub start: Place,
 }
 
+/// A cut that must not be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Met {
+    /// Where it begins.
+    pub(crate) place: Place,
+    /// The most that it takes off, in mm of radius.
+    pub(crate) thickest: f64,
+}
+
 impl Stock {
     /// Goes straight from one place of the bar to another; gives how much that took off, if it cut.
     pub(crate) fn cut(&mut self, from: Place, to: Place) -> Option<f64> {
@@ -27,14 +36,16 @@ impl Stock {
         (off > TOUCH).then_some(off)
     }
 
-    /// Where a straight way would cut first.
-    pub(crate) fn meets(&self, from: Place, to: Place) -> Option<Place> {
+    /// Where a straight way would cut first, and how much at most.
+    pub(crate) fn meets(&self, from: Place, to: Place) -> Option<Met> {
         if from.x.min(to.x) * 2.0 >= self.profile.stock() {
             return None;
         }
         let at = |share: f64| Place { z: from.z + share * (to.z - from.z), x: from.x + share * (to.x - from.x) };
-        let cuts = |share: f64| self.profile.clone().cut(&self.nose, from, at(share)).thickest > TOUCH;
-        if !cuts(1.0) {
+        let off = |share: f64| self.profile.clone().cut(&self.nose, from, at(share)).thickest;
+        let cuts = |share: f64| off(share) > TOUCH;
+        let thickest = off(1.0);
+        if thickest <= TOUCH {
             return None;
         }
         let (mut clear, mut cutting) = (0.0, 1.0);
@@ -42,6 +53,6 @@ impl Stock {
             let middle = f64::midpoint(clear, cutting);
             if cuts(middle) { cutting = middle } else { clear = middle }
         }
-        Some(at(cutting))
+        Some(Met { place: at(cutting), thickest })
     }
 }

@@ -16,8 +16,8 @@ use super::{DEFAULT, FAILED, INTERRUPTED, Interrupt, Loaded, load_program, load_
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// The program: a text file with eight hexadecimal bytes a line, or G-code (.ngc .nc .tap .gcode .cnc .gc), which is
-    /// planned first
+    /// The program: a text file with eight hexadecimal bytes a line, or G-code (.ngc .nc .tap .gcode .cnc .gc), which
+    /// is planned first
     program: PathBuf,
     /// The rig that G-code is planned for: a built-in rig or a rig file
     #[arg(long, default_value = DEFAULT)]

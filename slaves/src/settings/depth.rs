@@ -81,8 +81,8 @@ impl DepthSettings {
         f64::from(self.encoder.slots) / self.encoder.length_mm
     }
 
-    /// So many slots beyond the edge of its target's slot the slide comes to rest, without friction: half a time between
-    /// polls passes until the firmware sees the edge, then the slide coasts.
+    /// So many slots beyond the edge of its target's slot the slide comes to rest, without friction: half a time
+    /// between polls passes until the firmware sees the edge, then the slide coasts.
     pub fn overrun_slots(&self) -> f64 {
         let slots_per_s = self.slots_per_mm() * self.speed_mm_per_s() * self.drive.supply;
         slots_per_s * (f64::from(self.controller.poll_ms) / 2_000.0 + self.plant.tau_s)
