@@ -100,6 +100,12 @@ fn what_is_refused_starts_nothing_and_writes_nothing() {
         assert!(text.contains(&format!("{path}:{}", expected[0])), "{text}");
     }
     assert!(!frames.exists() && !trace.exists());
+    let checked = |options: &[&str]| {
+        let (code, found) = result(&[&["gcode", "check", &path, "--json"], options].concat());
+        assert_eq!((code, &found["refused"]), (Some(2), &true.into()), "{found}");
+        found["findings"].as_array().unwrap().len()
+    };
+    assert_eq!((checked(&[]), checked(&["--rig", "lathe"])), (1, 4));
     let (code, plan) = result(&["gcode", "plan", &path, "--json"]);
     let lines: Vec<_> = plan["refused"].as_array().unwrap().iter().map(|error| error["line"].as_u64()).collect();
     assert_eq!((code, &plan["frames"], lines), (Some(2), &0.into(), vec![Some(2), Some(3), Some(4), Some(5)]));

@@ -59,6 +59,7 @@ impl Spindle {
         };
         let (rpm, follows) = match speed {
             Speed::Constant(rpm) => (rpm, false),
+            Speed::Surface { m_per_min: 0.0, .. } => (0.0, true),
             Speed::Surface { m_per_min, most_rpm } => {
                 let most = most_rpm.filter(|most| *most > 0.0).unwrap_or(MOST * UNIT).min(MOST * UNIT);
                 // At the middle it is without limit.
@@ -120,6 +121,7 @@ mod tests {
         // 1592, 1675 (4.5 % more than 1600), 1693 (5.5 % more) and 3183 rpm.
         assert_eq!(units(surface(None), &[10.0, 9.5, 9.4, 5.0, 0.0]), [80, 80, 85, 159, 200]);
         assert_eq!(units(surface(Some(2_000.0)), &[10.0, 5.0]), [80, 100]);
+        assert_eq!(units(Speed::Surface { m_per_min: 0.0, most_rpm: None }, &[0.0]), [0]);
     }
 
     #[test]

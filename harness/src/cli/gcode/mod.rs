@@ -11,6 +11,7 @@ use serde_json::json;
 use torno_gcode::{Finding, Kind, Outcome, Severity};
 
 use super::{USAGE, print};
+use plan::{Plan, Planning};
 use reading::Reading;
 
 #[derive(Debug, clap::Args)]
@@ -21,7 +22,7 @@ pub(super) struct Arguments {
 
 #[derive(Debug, clap::Subcommand)]
 enum Command {
-    /// Interprets a program and tells everything that is wrong with it.
+    /// Interprets a program and tells everything that is wrong with it; for a rig, also what cannot be done there.
     Check(Check),
     /// Prints the canonical motions of a program, one JSON object a line.
     Canon(Canon),
@@ -33,6 +34,8 @@ enum Command {
 struct Check {
     #[command(flatten)]
     reading: Reading,
+    #[command(flatten)]
+    planning: Planning,
     /// Prints the result as one line of JSON
     #[arg(long)]
     json: bool,
@@ -73,7 +76,11 @@ fn as_json(finding: &Finding) -> serde_json::Value {
 impl Check {
     fn run(self) -> anyhow::Result<ExitCode> {
         let reading = &self.reading;
-        let outcome = reading.interpret(&reading.settings(), &mut reading.open()?, &mut |_| {})?;
+        let outcome = if self.planning.rig.is_some() {
+            Plan::new(reading, &self.planning.rig()?, &self.planning)?.outcome
+        } else {
+            reading.interpret(&reading.settings(), &mut reading.open()?, &mut |_| {})?
+        };
         let refused = outcome.is_refused();
         if self.json {
             let findings: Vec<_> = outcome.findings.iter().map(as_json).collect();

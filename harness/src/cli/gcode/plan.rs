@@ -31,9 +31,22 @@ const ENDINGS: [&str; 6] = ["ngc", "nc", "tap", "gcode", "cnc", "gc"];
 pub(in crate::cli) struct Arguments {
     #[command(flatten)]
     reading: Reading,
-    /// The rig that the frames are for: a built-in rig or a rig file
-    #[arg(long, default_value = DEFAULT)]
-    rig: String,
+    #[command(flatten)]
+    planning: Planning,
+    /// Writes the frames: a program for 'torno run' and 'torno send'; '-' is standard output
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Prints the result as one line of JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// How a program is planned.
+#[derive(Debug, Default, clap::Args)]
+pub(super) struct Planning {
+    /// The rig that the frames are for: a built-in rig or a rig file [default, to plan: lathe]
+    #[arg(long)]
+    pub(super) rig: Option<String>,
     /// Sets what the rig file could say: BOARD.TABLE.FIELD, BOARD.clock_ppm or pc.FIELD (may be given several times)
     #[arg(long, value_name = "PLACE=VALUE")]
     set: Vec<String>,
@@ -43,17 +56,12 @@ pub(in crate::cli) struct Arguments {
     /// On which side of the asked path the tool goes
     #[arg(long, value_enum, default_value = "middle")]
     side: SideChoice,
-    /// Writes the frames: a program for 'torno run' and 'torno send'; '-' is standard output
-    #[arg(short, long, value_name = "FILE")]
-    output: Option<PathBuf>,
-    /// Prints the result as one line of JSON
-    #[arg(long)]
-    json: bool,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 enum SideChoice {
     /// Half a slot to either side of it at most.
+    #[default]
     Middle,
     /// Never in the part: up to a slot outside of it.
     Outside,
@@ -68,7 +76,7 @@ pub(in crate::cli) struct Plan {
     /// What the planner says.
     pub(in crate::cli) report: Report,
     /// What the interpreter says, with all findings.
-    outcome: Outcome,
+    pub(super) outcome: Outcome,
 }
 
 /// Whether the file of this name holds G-code.
@@ -83,7 +91,7 @@ pub(in crate::cli) fn is_gcode(path: &Path) -> bool {
 /// What is wrong with it, where it is refused.
 pub(in crate::cli) fn load(path: &Path, file: &RigFile) -> anyhow::Result<Plan> {
     let reading = Reading::of(path);
-    let plan = Plan::new(&reading, file, None, Side::Middle)?;
+    let plan = Plan::new(&reading, file, &Planning::default())?;
     let told = plan.told(&reading);
     if plan.is_refused() {
         anyhow::bail!("{}\n{told}{} is refused", "the G-code cannot be executed", reading.name());
@@ -92,8 +100,18 @@ pub(in crate::cli) fn load(path: &Path, file: &RigFile) -> anyhow::Result<Plan> 
     Ok(plan)
 }
 
+impl Planning {
+    /// The rig that was asked for.
+    pub(super) fn rig(&self) -> anyhow::Result<RigFile> {
+        load_rig(self.rig.as_deref().unwrap_or(DEFAULT), &self.set)
+    }
+}
+
 impl Plan {
-    fn new(reading: &Reading, file: &RigFile, park: Option<Place>, side: Side) -> anyhow::Result<Self> {
+    /// The plan of a program for a rig.
+    pub(super) fn new(reading: &Reading, file: &RigFile, planning: &Planning) -> anyhow::Result<Self> {
+        let side = if planning.side == SideChoice::Middle { Side::Middle } else { Side::Outside };
+        let park = planning.park;
         let at = reading.at.map(|Place { x, z, .. }| InPlane { z, x });
         let planning = planning::settings(file, at, side)?;
         let start = Place { x: planning.start.x, z: planning.start.z, ..Place::default() };
@@ -211,10 +229,9 @@ impl fmt::Display for Summary<'_> {
 
 impl Arguments {
     pub(super) async fn run(self) -> anyhow::Result<ExitCode> {
-        let Self { reading, rig, set, park, side, output, json } = self;
-        let file = load_rig(&rig, &set)?;
-        let side = if side == SideChoice::Middle { Side::Middle } else { Side::Outside };
-        let plan = Plan::new(&reading, &file, park, side)?;
+        let Self { reading, planning, output, json } = self;
+        let file = planning.rig()?;
+        let plan = Plan::new(&reading, &file, &planning)?;
         let name = reading.name();
         if plan.is_refused() {
             return refuse(&plan, &reading, &file.name, json);
