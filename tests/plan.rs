@@ -149,6 +149,23 @@ fn a_side_can_be_chosen() {
 }
 
 #[test]
+fn shorter_retracts_save_time_and_turn_the_same_part() {
+    let folder = folder();
+    let text = "O1\nG98 G97 M3 S800\nG0 X30. Z0.5\nG90 X27. Z-4. F200\nX26.\nX25.\nM30\n";
+    let path = write(folder.path(), "x.nc", text);
+    let frames = folder.path().join("x.frames").to_str().unwrap().to_owned();
+    let (code, plan) = result(&["gcode", "plan", &path, "--optimise", "-o", &frames, "--json"]);
+    let time = |result: &Value, name: &str| result[name].as_f64().unwrap();
+    let (whole, short) = (run(&[&path]), run(&[&frames]));
+    assert_eq!((code, &plan["time_s"]), (Some(0), &short["virtual_s"]));
+    let saved = time(&whole, "virtual_s") - time(&short, "virtual_s");
+    assert!((time(&plan, "saved_s") - saved).abs() < 1e-6 && saved > 15.0, "{plan}");
+    let diameter = |summary: &Value| time(&summary["part"]["cylinders"][0], "diameter_mm");
+    assert!((diameter(&whole) - diameter(&short)).abs() < 1e-9);
+    assert_eq!(short["part"]["events"], whole["part"]["events"]);
+}
+
+#[test]
 fn g_code_is_sent() {
     let up = Up::start(&["--pace", "max"]);
     let (code, summary) = result(&[

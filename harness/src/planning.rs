@@ -77,6 +77,7 @@ pub fn settings(file: &RigFile, start: Option<Place>, side: Side) -> Result<Sett
         side,
         bore: false,
         stock,
+        optimise: false,
         frames_max: Settings::FRAMES_MAX,
     })
 }

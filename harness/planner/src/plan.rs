@@ -25,6 +25,11 @@ const CLEAR_SLOTS: f64 = 1.5;
 /// The carriage keeps so many counts away from its own: what it may overshoot.
 const CLEAR_COUNTS: i64 = 45;
 
+/// So far from the part a shortcut keeps: the slots that two places are rounded by, and half of one.
+const CLEARANCE_SLOTS: f64 = 1.5;
+/// No more places are held.
+const HELD_MAX: usize = 1_000;
+
 /// How a program is planned.
 #[derive(Clone, Debug)]
 pub struct Settings {
@@ -38,6 +43,8 @@ pub struct Settings {
     pub bore: bool,
     /// What the tool meets, if that is known.
     pub stock: Option<Stock>,
+    /// Whether rapids between two cuts leave the part no further than they must.
+    pub optimise: bool,
     /// A plan has no more frames: a program may be without end.
     pub frames_max: u64,
 }
@@ -92,6 +99,10 @@ pub struct Planner {
     /// The axes that the lathe does not have.
     others: [f64; 2],
     tool: Option<u32>,
+    /// Rapids that wait for what follows them: from where, and over which places, each with its line.
+    held: Option<(Place, Vec<(usize, Place)>)>,
+    /// What is left of the cut's motion is a rapid to this place.
+    rest: Option<(usize, Place)>,
     cut: Option<Cut>,
     moves: VecDeque<Move>,
     merge: Merge,
@@ -114,6 +125,8 @@ impl Planner {
             at: settings.start,
             others: [0.0; 2],
             tool: None,
+            held: None,
+            rest: None,
             cut: None,
             moves: VecDeque::new(),
             merge: Merge::default(),
@@ -132,6 +145,9 @@ impl Planner {
             return;
         }
         let line = motion.line;
+        if !matches!(motion.kind, Kind::Rapid { .. } | Kind::Plane(_) | Kind::Coolant { .. }) {
+            self.release(matches!(motion.kind, Kind::Feed { .. } | Kind::Arc { .. }));
+        }
         match motion.kind {
             Kind::Rapid { to } => {
                 if let Some(to) = self.in_plane(line, to) {
@@ -139,7 +155,9 @@ impl Planner {
                 }
             }
             Kind::Feed { to, feed } => {
-                if let Some(to) = self.in_plane(line, to) {
+                if let Some(end) = self.in_plane(line, to) {
+                    let to = self.clear_from(end).unwrap_or(end);
+                    self.rest = (to != end).then_some((line, end));
                     self.cut(line, to, feed, Sections::Straight(Section::straight(self.at, to)));
                 }
             }
@@ -200,6 +218,8 @@ impl Planner {
                 self.merge.push(next);
             } else if self.cut.is_some() {
                 self.go_on();
+            } else if let Some((line, to)) = self.rest.take() {
+                self.rapid(line, to);
             } else if self.ended && !self.flushed {
                 self.merge.end();
                 self.flushed = true;
@@ -223,6 +243,7 @@ impl Planner {
     }
 
     fn end(&mut self, line: usize) {
+        self.release(false);
         if !self.ended {
             self.stop(line);
         }
@@ -313,13 +334,58 @@ impl Planner {
                 format!("the rapid cuts the part at Z {z:.3}, X {x:.3} (radius)"),
             );
         }
-        for to in over {
-            if (to.x - self.at.x).abs() > NOISE {
+        let from = core::mem::replace(&mut self.at, to);
+        if self.settings.optimise {
+            let (_, held) = self.held.get_or_insert_with(|| (from, Vec::new()));
+            held.extend(over.map(|to| (line, to)));
+            if held.len() > HELD_MAX {
+                self.release(false);
+            }
+        } else {
+            self.go_over(from, over.map(|to| (line, to)));
+        }
+    }
+
+    /// Goes fast over places, one axis to each.
+    fn go_over(&mut self, mut from: Place, over: impl IntoIterator<Item = (usize, Place)>) {
+        for (line, to) in over {
+            if (to.x - from.x).abs() > NOISE {
                 self.slide_to(line, to.x);
             }
             self.feed_to(line, to.z, TransverseSubFrame::SPEED_MAX);
-            self.at = to;
+            from = to;
         }
+    }
+
+    /// Goes the rapids that have waited; a shorter way, if a cut follows and there is one.
+    fn release(&mut self, cut_follows: bool) {
+        let Some((from, over)) = self.held.take() else { return };
+        let (shift, away) = (self.shift(), !self.settings.bore);
+        let clearance = CLEARANCE_SLOTS * self.settings.scale.infeed.mm_per_slot.abs();
+        let radii = over.iter().map(|(_, place)| place.x);
+        let highest = if away { radii.fold(from.x, f64::max) } else { radii.fold(from.x, f64::min) };
+        let shortcut = self.settings.stock.as_ref().filter(|_| cut_follows).and_then(|stock| {
+            let (line, to) = *over.last()?;
+            let places = rapid::shortcut(from, to, highest, clearance, away, (stock, shift))?;
+            Some(places.map(|to| (line, to)))
+        });
+        match shortcut {
+            Some(places) => self.go_over(from, places),
+            None => self.go_over(from, over),
+        }
+    }
+
+    /// From where on a cut to a place is a retract: it goes straight away from the part, and cuts nothing more.
+    fn clear_from(&self, to: Place) -> Option<Place> {
+        let stock = self.settings.stock.as_ref().filter(|_| self.settings.optimise)?;
+        let leaves = if self.settings.bore { to.x < self.at.x } else { to.x > self.at.x };
+        if !leaves || (to.z - self.at.z).abs() > NOISE {
+            return None;
+        }
+        let Place { z, x } = self.shift();
+        let on_bar = |place: Place| Place { z: place.z + z, x: place.x + x };
+        let clear = stock.clear_from(on_bar(self.at), on_bar(to));
+        Some(Place { z: to.z, x: clear.x - x })
     }
 
     /// Begins a cut.

@@ -4,6 +4,9 @@ use torno_part::Place;
 
 use crate::stock::Stock;
 
+/// The least way away from the part is found by so many halvings.
+const HALVINGS: u32 = 12;
+
 /// The places over which a rapid goes, the last one included: one axis moves to each, or none.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Way {
@@ -38,6 +41,46 @@ pub(crate) fn way(from: Place, to: Place, away: bool, stock: Option<(&Stock, Pla
         Some(over) => Way { over, meets: None },
         None => Way { over: by(usual), meets: Some(met.place) },
     }
+}
+
+/// A way between two cuts that leaves the part no further than it must; None if none is much shorter than one that goes
+/// as far as `highest`. It is clear of the part by `clearance`, both in mm of radius.
+pub(crate) fn shortcut(
+    from: Place,
+    to: Place,
+    highest: f64,
+    clearance: f64,
+    away: bool,
+    (stock, shift): (&Stock, Place),
+) -> Option<[Place; 3]> {
+    let on_bar = |place: Place| Place { z: place.z + shift.z, x: place.x + shift.x };
+    // Of the jaws nothing is known but where they are.
+    if on_bar(from).z.min(on_bar(to).z) < -stock.profile.out() {
+        return None;
+    }
+    let (sign, base) = if away { (1.0, from.x.max(to.x)) } else { (-1.0, from.x.min(to.x)) };
+    let room = (highest - base) * sign;
+    let at = |z: f64, lift: f64| Place { z, x: base + sign * lift };
+    let over = |lift: f64| [at(from.z, lift), at(to.z, lift), to];
+    let meets = |from: Place, to: Place| stock.meets(on_bar(from), on_bar(to)).is_some();
+    let is_clear = |lift: f64| {
+        let [up, along, _] = over(lift);
+        let low = lift - clearance;
+        let passes = from.z == to.z || !meets(at(from.z, low), at(to.z, low));
+        passes && !meets(from, up) && !meets(along, to)
+    };
+    if room <= clearance || !is_clear(room) {
+        return None;
+    }
+    if is_clear(0.0) {
+        return Some(over(0.0));
+    }
+    let (mut blocked, mut clear) = (0.0, room);
+    for _ in 0..HALVINGS {
+        let middle = f64::midpoint(blocked, clear);
+        if is_clear(middle) { clear = middle } else { blocked = middle }
+    }
+    (room - clear > clearance).then(|| over(clear))
 }
 
 #[cfg(test)]
@@ -109,5 +152,25 @@ mod tests {
         // What is left is higher than the nose's radius.
         stock.cut(place(12.0, -4.0), place(2.0, -4.0));
         assert!(way(place(2.0, -4.0), place(2.0, 1.0), true, Some((&stock, shift))).meets.is_some());
+    }
+
+    #[test]
+    fn a_shortcut_clears_what_lies_between_and_no_more() {
+        let stock = stock();
+        let way = |from, to, highest| shortcut(from, to, highest, 0.3, true, (&stock, Place::default()));
+        // Along the step that was turned.
+        let [up, along, to] = way(place(10.0, -9.0), place(9.5, 1.0), 20.0).unwrap();
+        assert!((up.x - 10.3).abs() < 0.02 && up.z == -9.0, "{up:?}");
+        assert_eq!((along.x, along.z, to), (up.x, 1.0, place(9.5, 1.0)));
+        // Over the bar.
+        let [up, ..] = way(place(10.0, -9.0), place(14.5, -20.0), 20.0).unwrap();
+        assert!((up.x - 14.5).abs() < 0.02, "{up:?}");
+        // Nothing is won, the end is in the part, or it is beyond the jaws.
+        assert_eq!(way(place(10.0, -9.0), place(9.5, 1.0), 10.4), None);
+        assert_eq!(way(place(10.0, -9.0), place(12.0, -20.0), 20.0), None);
+        assert_eq!(way(place(15.0, -61.0), place(15.0, 1.0), 20.0), None);
+        // In the place where it stands.
+        let there = place(10.2, -9.0);
+        assert_eq!(way(place(10.0, -9.0), there, 20.0), Some([there; 3]));
     }
 }

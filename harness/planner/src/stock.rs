@@ -41,7 +41,7 @@ impl Stock {
         if from.x.min(to.x) * 2.0 >= self.profile.stock() {
             return None;
         }
-        let at = |share: f64| Place { z: from.z + share * (to.z - from.z), x: from.x + share * (to.x - from.x) };
+        let at = |share: f64| between(from, to, share);
         let off = |share: f64| self.profile.clone().cut(&self.nose, from, at(share)).thickest;
         let cuts = |share: f64| off(share) > TOUCH;
         let thickest = off(1.0);
@@ -55,4 +55,21 @@ impl Stock {
         }
         Some(Met { place: at(cutting), thickest })
     }
+
+    /// From where on a straight way cuts nothing.
+    pub(crate) fn clear_from(&self, from: Place, to: Place) -> Place {
+        if self.meets(from, to).is_none() {
+            return from;
+        }
+        let (mut cutting, mut clear) = (0.0, 1.0);
+        for _ in 0..HALVINGS {
+            let middle = f64::midpoint(cutting, clear);
+            if self.meets(between(from, to, middle), to).is_none() { clear = middle } else { cutting = middle }
+        }
+        between(from, to, clear)
+    }
+}
+
+fn between(from: Place, to: Place, share: f64) -> Place {
+    Place { z: from.z + share * (to.z - from.z), x: from.x + share * (to.x - from.x) }
 }

@@ -26,6 +26,7 @@ fn settings() -> Settings {
         side: Side::Middle,
         bore: false,
         stock: None,
+        optimise: false,
         frames_max: Settings::FRAMES_MAX,
     }
 }
@@ -252,6 +253,34 @@ fn at_the_end_the_spindle_stops() {
     }
 }
 
+#[test]
+fn optimised_retracts_are_short_and_cut_nothing() {
+    let mut text = format!("{HEAD}G0 X15 Z0.5\n");
+    for pass in 0..4 {
+        let x = 13.5 - 0.5 * f64::from(pass);
+        // The retract is a rapid, or part of a cut.
+        let retract = if pass < 2 { format!("G1 X{}\nG0 X30", x + 0.5) } else { "G1 X30".to_owned() };
+        text += &format!("G0 X{x}\nG1 Z-20 F100\n{retract}\nG0 Z0.5\n");
+    }
+    text += "G0 X40 Z5\nM2\n";
+    let slots = |optimise: bool| {
+        let (frames, report) = planned(&text, Settings { stock: Some(bar()), optimise, ..settings() });
+        assert!(!report.refused, "{:?}", report.findings);
+        let way: i64 = frames.iter().map(|planned| i64::from(planned.frame.depth.distance())).sum();
+        // No way at the fastest feed cuts.
+        let mut profile = bar().profile;
+        for (planned, (from, to, _)) in frames.iter().zip(ways(&frames)) {
+            let off = profile.cut(&bar().nose, from, to).thickest;
+            assert!(planned.frame.transverse.speed() < 225 || off < 1e-6, "{off} on {from:?} {to:?}");
+        }
+        (way, report.end, report.stock.unwrap().profile)
+    };
+    let ((long, end, asked), (short, other_end, also_asked)) = (slots(false), slots(true));
+    assert!(short < long / 3, "{short} of {long} slots");
+    assert_eq!(asked, also_asked);
+    assert!((end.x - other_end.x).abs() <= SLOT && end.z == other_end.z, "{end:?} {other_end:?}");
+}
+
 fn findings(text: &str) -> Vec<(usize, char, String)> {
     let (_, report) = planned(text, Settings { stock: Some(bar()), ..settings() });
     let errors = report.findings.into_iter().filter(|finding| finding.severity == Severity::Error);
@@ -350,12 +379,14 @@ proptest! {
         lines in proptest::collection::vec(words(), 1..12),
         outside: bool,
         bore: bool,
+        optimise: bool,
     ) {
         let text = format!("G21 G18 G8 F50\n{}\nM2\n", lines.join("\n"));
         let start = Point { x: START.x, z: START.z, ..Point::default() };
         let (motions, _) = interpret(text.as_bytes(), &Reading { start, ..Reading::default() });
         let side = if outside { Side::Outside } else { Side::Middle };
-        let mut plan = plan(Settings { side, bore, ..settings() }, motions.into_iter());
+        let stock = (!bore).then(bar);
+        let mut plan = plan(Settings { side, bore, stock, optimise, ..settings() }, motions.into_iter());
         let frames: Vec<Planned> = plan.by_ref().collect();
         let report = plan.report();
         let mut decoder = FrameDecoder::new(Clock::TRUE);

@@ -18,7 +18,7 @@ use torno_planner::{Planned, Planner, Report, Side};
 use torno_protocol::lathe::Program;
 
 use super::as_json;
-use super::reading::{Choice, Reading, place};
+use super::reading::{Choice, Reading, Source, place};
 use crate::cli::output::OutputFile;
 use crate::cli::{FAILED, INTERRUPTED, Interrupt, USAGE, load_rig, print, print_beside};
 
@@ -33,6 +33,9 @@ pub(in crate::cli) struct Arguments {
     reading: Reading,
     #[command(flatten)]
     planning: Planning,
+    /// Retracts no further than needed between two cuts, and tells what that saves
+    #[arg(long)]
+    optimise: bool,
     /// Writes the frames: a program for 'torno run' and 'torno send'; '-' is standard output
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
@@ -91,7 +94,7 @@ pub(in crate::cli) fn is_gcode(path: &Path) -> bool {
 /// What is wrong with it, where it is refused.
 pub(in crate::cli) fn load(path: &Path, file: &RigFile) -> anyhow::Result<Plan> {
     let reading = Reading::of(path);
-    let plan = Plan::new(&reading, file, &Planning::default())?;
+    let plan = Plan::new(&reading, &mut reading.open()?, file, &Planning::default(), false)?;
     let told = plan.told(&reading);
     if plan.is_refused() {
         anyhow::bail!("{}\n{told}{} is refused", "the G-code cannot be executed", reading.name());
@@ -109,21 +112,26 @@ impl Planning {
 
 impl Plan {
     /// The plan of a program for a rig.
-    pub(super) fn new(reading: &Reading, file: &RigFile, planning: &Planning) -> anyhow::Result<Self> {
+    pub(super) fn new(
+        reading: &Reading,
+        source: &mut Source,
+        file: &RigFile,
+        planning: &Planning,
+        optimise: bool,
+    ) -> anyhow::Result<Self> {
         let side = if planning.side == SideChoice::Middle { Side::Middle } else { Side::Outside };
         let park = planning.park;
         let at = reading.at.map(|Place { x, z, .. }| InPlane { z, x });
-        let planning = planning::settings(file, at, side)?;
+        let planning = torno_planner::Settings { optimise, ..planning::settings(file, at, side)? };
         let start = Place { x: planning.start.x, z: planning.start.z, ..Place::default() };
         let settings = Settings { start, home: park.unwrap_or(start), ..reading.settings() };
-        let mut source = reading.open()?;
         let mut planner = Planner::new(planning);
         let (mut frames, mut lines) = (Vec::new(), Vec::new());
         let mut take = |Planned { line, frame }| {
             frames.push(frame.emit());
             lines.push(line);
         };
-        let mut outcome = reading.interpret(&settings, &mut source, &mut |motion| {
+        let mut outcome = reading.interpret(&settings, source, &mut |motion| {
             planner.take(&motion);
             core::iter::from_fn(|| planner.poll()).for_each(&mut take);
         })?;
@@ -131,7 +139,7 @@ impl Plan {
         core::iter::from_fn(|| planner.poll()).for_each(take);
         let report = planner.report();
         let words: Vec<_> = report.findings.iter().map(|finding| (finding.line, finding.word)).collect();
-        let columns = reading.columns(&mut source, &words)?;
+        let columns = reading.columns(source, &words)?;
         outcome.findings = together(outcome.findings, &report.findings, &columns);
         if outcome.is_refused() {
             (frames, lines) = (Vec::new(), Vec::new());
@@ -189,11 +197,13 @@ struct Summary<'a> {
     rig: &'a str,
     plan: &'a Plan,
     played: &'a Played,
+    /// What shorter retracts save, if they were asked for.
+    saved_s: Option<f64>,
 }
 
 impl Summary<'_> {
     fn as_json(&self) -> serde_json::Value {
-        let Self { name, rig, plan, played } = self;
+        let Self { name, rig, plan, played, saved_s } = self;
         let Report { worst, end, .. } = &plan.report;
         json!({
             "file": name,
@@ -203,6 +213,7 @@ impl Summary<'_> {
             "motions": plan.outcome.motions,
             "frames": plan.program.frames.len(),
             "time_s": played.end.as_secs_f64(),
+            "saved_s": saved_s,
             "outcome": played.outcome(),
             "worst_x_mm": worst.x,
             "worst_z_mm": worst.z,
@@ -215,12 +226,16 @@ impl Summary<'_> {
 
 impl fmt::Display for Summary<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { name, rig, plan, played } = self;
+        let Self { name, rig, plan, played, saved_s } = self;
         let Outcome { dialect, lines, motions, .. } = &plan.outcome;
         let Report { worst, end, .. } = &plan.report;
         writeln!(f, "{:<9}{name} on {rig}: dialect {}, {lines} lines, {motions} motions", "program", dialect.name())?;
         writeln!(f, "{:<9}{}", "frames", plan.program.frames.len())?;
         writeln!(f, "{:<9}{:.3} s", "time", played.end.as_secs_f64())?;
+        if let Some(saved) = saved_s {
+            let share = 100.0 * saved / (played.end.as_secs_f64() + saved);
+            writeln!(f, "{:<9}{saved:.3} s, {share:.0} %, by shorter retracts", "saved")?;
+        }
         writeln!(f, "{:<9}{:.4} mm in X (radius), {:.4} mm in Z, from the asked path", "worst", worst.x, worst.z)?;
         writeln!(f, "{:<9}X {:.3}, Z {:.3} mm (X as a radius)", "end", end.x, end.z)?;
         writeln!(f, "{:<9}{}", "outcome", played.outcome())
@@ -229,9 +244,10 @@ impl fmt::Display for Summary<'_> {
 
 impl Arguments {
     pub(super) async fn run(self) -> anyhow::Result<ExitCode> {
-        let Self { reading, planning, output, json } = self;
+        let Self { reading, planning, optimise, output, json } = self;
         let file = planning.rig()?;
-        let plan = Plan::new(&reading, &file, &planning)?;
+        let mut source = reading.open()?;
+        let plan = Plan::new(&reading, &mut source, &file, &planning, optimise)?;
         let name = reading.name();
         if plan.is_refused() {
             return refuse(&plan, &reading, &file.name, json);
@@ -245,7 +261,15 @@ impl Arguments {
         let Some(played) = play(&file, &plan.program, &mut interrupt).await? else {
             return Ok(ExitCode::from(INTERRUPTED));
         };
-        let summary = Summary { name, rig: &file.name, plan: &plan, played: &played };
+        let mut saved_s = None;
+        if optimise {
+            let plain = Plan::new(&reading, &mut source, &file, &planning, false)?;
+            let Some(plain) = play(&file, &plain.program, &mut interrupt).await? else {
+                return Ok(ExitCode::from(INTERRUPTED));
+            };
+            saved_s = Some(plain.end.as_secs_f64() - played.end.as_secs_f64());
+        }
+        let summary = Summary { name, rig: &file.name, plan: &plan, played: &played, saved_s };
         let text = if json { format!("{}\n", summary.as_json()) } else { format!("{}{summary}", plan.told(&reading)) };
         print_beside(&[&output], &text)?;
         let completed = played.outcome == torno_protocol::lathe::Outcome::Completed;
