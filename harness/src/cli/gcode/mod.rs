@@ -77,7 +77,7 @@ impl Check {
     fn run(self) -> anyhow::Result<ExitCode> {
         let reading = &self.reading;
         let outcome = if self.planning.rig.is_some() {
-            Plan::new(reading, &mut reading.open()?, &self.planning.rig()?, &self.planning, false)?.outcome
+            Plan::new(reading, &self.planning.rig()?, &self.planning)?.outcome
         } else {
             reading.interpret(&reading.settings(), &mut reading.open()?, &mut |_| {})?
         };

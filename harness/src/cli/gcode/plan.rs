@@ -18,12 +18,14 @@ use torno_planner::{Planned, Planner, Report, Side};
 use torno_protocol::lathe::Program;
 
 use super::as_json;
-use super::reading::{Choice, Reading, Source, place};
+use super::reading::{Choice, Reading, place};
 use crate::cli::output::OutputFile;
-use crate::cli::{FAILED, INTERRUPTED, Interrupt, USAGE, load_rig, print, print_beside};
+use crate::cli::{FAILED, INTERRUPTED, Interrupt, USAGE, load_rig, print_beside};
 
 /// So many errors of a program are told.
 const ERRORS_MAX: usize = 20;
+/// A longer plan is not played: that takes minutes.
+const PLAYED_MAX: usize = 200_000;
 /// The names of files with G-code end like this, in whatever case.
 const ENDINGS: [&str; 6] = ["ngc", "nc", "tap", "gcode", "cnc", "gc"];
 
@@ -33,9 +35,6 @@ pub(in crate::cli) struct Arguments {
     reading: Reading,
     #[command(flatten)]
     planning: Planning,
-    /// Retracts no further than needed between two cuts, and tells what that saves
-    #[arg(long)]
-    optimise: bool,
     /// Writes the frames: a program for 'torno run' and 'torno send'; '-' is standard output
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
@@ -59,6 +58,9 @@ pub(super) struct Planning {
     /// On which side of the asked path the tool goes
     #[arg(long, value_enum, default_value = "middle")]
     side: SideChoice,
+    /// Retracts no further than needed between two cuts; 'plan' tells what that saves
+    #[arg(long)]
+    optimise: bool,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -80,6 +82,8 @@ pub(in crate::cli) struct Plan {
     pub(in crate::cli) report: Report,
     /// What the interpreter says, with all findings.
     pub(super) outcome: Outcome,
+    /// The frames with retracts as the program has them, if they were to be shorter.
+    plain: Option<Program>,
 }
 
 /// Whether the file of this name holds G-code.
@@ -94,7 +98,7 @@ pub(in crate::cli) fn is_gcode(path: &Path) -> bool {
 /// What is wrong with it, where it is refused.
 pub(in crate::cli) fn load(path: &Path, file: &RigFile) -> anyhow::Result<Plan> {
     let reading = Reading::of(path);
-    let plan = Plan::new(&reading, &mut reading.open()?, file, &Planning::default(), false)?;
+    let plan = Plan::new(&reading, file, &Planning::default())?;
     let told = plan.told(&reading);
     if plan.is_refused() {
         anyhow::bail!("{}\n{told}{} is refused", "the G-code cannot be executed", reading.name());
@@ -112,39 +116,45 @@ impl Planning {
 
 impl Plan {
     /// The plan of a program for a rig.
-    pub(super) fn new(
-        reading: &Reading,
-        source: &mut Source,
-        file: &RigFile,
-        planning: &Planning,
-        optimise: bool,
-    ) -> anyhow::Result<Self> {
+    pub(super) fn new(reading: &Reading, file: &RigFile, planning: &Planning) -> anyhow::Result<Self> {
         let side = if planning.side == SideChoice::Middle { Side::Middle } else { Side::Outside };
         let park = planning.park;
+        let optimise = planning.optimise;
         let at = reading.at.map(|Place { x, z, .. }| InPlane { z, x });
-        let planning = torno_planner::Settings { optimise, ..planning::settings(file, at, side)? };
+        let planning = planning::settings(file, at, side)?;
         let start = Place { x: planning.start.x, z: planning.start.z, ..Place::default() };
         let settings = Settings { start, home: park.unwrap_or(start), ..reading.settings() };
-        let mut planner = Planner::new(planning);
+        let mut source = reading.open()?;
+        let mut plain = optimise.then(|| (Planner::new(planning.clone()), Vec::new()));
+        let mut planner = Planner::new(torno_planner::Settings { optimise, ..planning });
         let (mut frames, mut lines) = (Vec::new(), Vec::new());
         let mut take = |Planned { line, frame }| {
             frames.push(frame.emit());
             lines.push(line);
         };
-        let mut outcome = reading.interpret(&settings, source, &mut |motion| {
+        let mut outcome = reading.interpret(&settings, &mut source, &mut |motion| {
             planner.take(&motion);
             core::iter::from_fn(|| planner.poll()).for_each(&mut take);
+            if let Some((planner, frames)) = &mut plain {
+                planner.take(&motion);
+                frames.extend(core::iter::from_fn(|| planner.poll()).map(|planned| planned.frame.emit()));
+            }
         })?;
         planner.finish();
         core::iter::from_fn(|| planner.poll()).for_each(take);
+        let plain = plain.and_then(|(mut planner, mut frames)| {
+            planner.finish();
+            frames.extend(core::iter::from_fn(|| planner.poll()).map(|planned| planned.frame.emit()));
+            (!planner.report().refused).then_some(Program { frames })
+        });
         let report = planner.report();
         let words: Vec<_> = report.findings.iter().map(|finding| (finding.line, finding.word)).collect();
-        let columns = reading.columns(source, &words)?;
+        let columns = reading.columns(&mut source, &words)?;
         outcome.findings = together(outcome.findings, &report.findings, &columns);
         if outcome.is_refused() {
             (frames, lines) = (Vec::new(), Vec::new());
         }
-        Ok(Self { program: Program { frames }, lines, report, outcome })
+        Ok(Self { program: Program { frames }, lines, report, outcome, plain })
     }
 
     fn is_refused(&self) -> bool {
@@ -154,6 +164,22 @@ impl Plan {
     /// What is wrong with it, or strange, a line each.
     fn told(&self, reading: &Reading) -> String {
         self.outcome.findings.iter().map(|finding| reading.told(finding)).collect()
+    }
+
+    /// Whether playing it takes minutes.
+    fn is_long(&self) -> bool {
+        [Some(&self.program), self.plain.as_ref()].into_iter().flatten().any(|it| it.frames.len() > PLAYED_MAX)
+    }
+
+    /// Plays it. None, if a signal came first.
+    async fn play(&self, file: &RigFile, interrupt: &mut Interrupt) -> anyhow::Result<Option<Times>> {
+        let Some(played) = play(file, &self.program, interrupt).await? else { return Ok(None) };
+        let mut saved_s = None;
+        if let Some(plain) = &self.plain {
+            let Some(plain) = play(file, plain, interrupt).await? else { return Ok(None) };
+            saved_s = Some(plain.end.as_secs_f64() - played.end.as_secs_f64());
+        }
+        Ok(Some(Times { played, saved_s }))
     }
 
     /// Writes the frames, each with the line that it comes from.
@@ -191,119 +217,110 @@ fn together(found: Vec<Finding>, planned: &[torno_planner::Finding], columns: &[
     all
 }
 
+/// What playing a plan has told.
+struct Times {
+    played: Played,
+    /// What shorter retracts save, if they were asked for.
+    saved_s: Option<f64>,
+}
+
 /// What is told of a plan.
 struct Summary<'a> {
     name: String,
     rig: &'a str,
     plan: &'a Plan,
-    played: &'a Played,
-    /// What shorter retracts save, if they were asked for.
-    saved_s: Option<f64>,
+    /// None, if it has not been played.
+    times: Option<Times>,
 }
 
 impl Summary<'_> {
     fn as_json(&self) -> serde_json::Value {
-        let Self { name, rig, plan, played, saved_s } = self;
-        let Report { worst, end, .. } = &plan.report;
+        let Self { name, rig, plan, times } = self;
+        let Plan { report: Report { worst, end, .. }, outcome, .. } = plan;
+        let (refused, warnings): (Vec<_>, Vec<_>) =
+            outcome.findings.iter().partition(|finding| finding.severity == Severity::Error);
+        let objects = |findings: Vec<&Finding>| findings.into_iter().map(as_json).collect::<Vec<_>>();
+        let is_planned = refused.is_empty();
+        let played = times.as_ref().map(|times| &times.played);
         json!({
             "file": name,
             "rig": rig,
-            "dialect": plan.outcome.dialect.name(),
-            "lines": plan.outcome.lines,
-            "motions": plan.outcome.motions,
+            "dialect": outcome.dialect.name(),
+            "lines": outcome.lines,
+            "motions": outcome.motions,
             "frames": plan.program.frames.len(),
-            "time_s": played.end.as_secs_f64(),
-            "saved_s": saved_s,
-            "outcome": played.outcome(),
-            "worst_x_mm": worst.x,
-            "worst_z_mm": worst.z,
-            "end": { "x": end.x, "z": end.z },
-            "warnings": plan.outcome.findings.iter().map(as_json).collect::<Vec<_>>(),
-            "refused": [],
+            "time_s": played.map(|played| played.end.as_secs_f64()),
+            "saved_s": times.as_ref().and_then(|times| times.saved_s),
+            "outcome": played.map(Played::outcome),
+            "worst_x_mm": is_planned.then_some(worst.x),
+            "worst_z_mm": is_planned.then_some(worst.z),
+            "end": is_planned.then(|| json!({ "x": end.x, "z": end.z })),
+            "warnings": objects(warnings),
+            "refused": objects(refused),
         })
     }
 }
 
 impl fmt::Display for Summary<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { name, rig, plan, played, saved_s } = self;
+        let Self { name, rig, plan, times } = self;
         let Outcome { dialect, lines, motions, .. } = &plan.outcome;
+        if plan.is_refused() {
+            return writeln!(f, "{name} is refused (dialect {})", dialect.name());
+        }
         let Report { worst, end, .. } = &plan.report;
         writeln!(f, "{:<9}{name} on {rig}: dialect {}, {lines} lines, {motions} motions", "program", dialect.name())?;
         writeln!(f, "{:<9}{}", "frames", plan.program.frames.len())?;
-        writeln!(f, "{:<9}{:.3} s", "time", played.end.as_secs_f64())?;
-        if let Some(saved) = saved_s {
-            let share = 100.0 * saved / (played.end.as_secs_f64() + saved);
-            writeln!(f, "{:<9}{saved:.3} s, {share:.0} %, by shorter retracts", "saved")?;
+        match times {
+            Some(Times { played, saved_s }) => {
+                let time = played.end.as_secs_f64();
+                writeln!(f, "{:<9}{time:.3} s", "time")?;
+                if let Some(saved) = saved_s {
+                    let share = 100.0 * saved / (time + saved);
+                    writeln!(f, "{:<9}{saved:.3} s, {share:.0} %, by shorter retracts", "saved")?;
+                }
+            }
+            None => writeln!(f, "{:<9}not known: a plan of more than {PLAYED_MAX} frames is not played", "time")?,
         }
         writeln!(f, "{:<9}{:.4} mm in X (radius), {:.4} mm in Z, from the asked path", "worst", worst.x, worst.z)?;
         writeln!(f, "{:<9}X {:.3}, Z {:.3} mm (X as a radius)", "end", end.x, end.z)?;
-        writeln!(f, "{:<9}{}", "outcome", played.outcome())
+        writeln!(f, "{:<9}{}", "outcome", times.as_ref().map_or("planned", |times| times.played.outcome()))
     }
 }
 
 impl Arguments {
     pub(super) async fn run(self) -> anyhow::Result<ExitCode> {
-        let Self { reading, planning, optimise, output, json } = self;
+        let Self { reading, planning, output, json } = self;
         let file = planning.rig()?;
-        let mut source = reading.open()?;
-        let plan = Plan::new(&reading, &mut source, &file, &planning, optimise)?;
+        let plan = Plan::new(&reading, &file, &planning)?;
         let name = reading.name();
-        if plan.is_refused() {
-            return refuse(&plan, &reading, &file.name, json);
+        let mut times = None;
+        if !plan.is_refused() {
+            let mut interrupt = Interrupt::listen()?;
+            if let Some(path) = &output {
+                let frames = plan.program.frames.len();
+                let head = format!("{name}, planned for the rig {}: {frames} frames", file.name);
+                OutputFile::create(path)?.write_by(|file| plan.write(&head, file))?;
+            }
+            if !plan.is_long() {
+                times = plan.play(&file, &mut interrupt).await?;
+                if times.is_none() {
+                    return Ok(ExitCode::from(INTERRUPTED));
+                }
+            }
         }
-        let mut interrupt = Interrupt::listen()?;
-        if let Some(path) = &output {
-            let frames = plan.program.frames.len();
-            let head = format!("{name}, planned for the rig {}: {frames} frames", file.name);
-            OutputFile::create(path)?.write_by(|file| plan.write(&head, file))?;
-        }
-        let Some(played) = play(&file, &plan.program, &mut interrupt).await? else {
-            return Ok(ExitCode::from(INTERRUPTED));
+        let code = match &times {
+            _ if plan.is_refused() => ExitCode::from(USAGE),
+            Some(times) if times.played.outcome != torno_protocol::lathe::Outcome::Completed => ExitCode::from(FAILED),
+            _ => ExitCode::SUCCESS,
         };
-        let mut saved_s = None;
-        if optimise {
-            let plain = Plan::new(&reading, &mut source, &file, &planning, false)?;
-            let Some(plain) = play(&file, &plain.program, &mut interrupt).await? else {
-                return Ok(ExitCode::from(INTERRUPTED));
-            };
-            saved_s = Some(plain.end.as_secs_f64() - played.end.as_secs_f64());
-        }
-        let summary = Summary { name, rig: &file.name, plan: &plan, played: &played, saved_s };
+        let summary = Summary { name, rig: &file.name, plan: &plan, times };
         let text = if json { format!("{}\n", summary.as_json()) } else { format!("{}{summary}", plan.told(&reading)) };
-        print_beside(&[&output], &text)?;
-        let completed = played.outcome == torno_protocol::lathe::Outcome::Completed;
-        Ok(if completed { ExitCode::SUCCESS } else { ExitCode::from(FAILED) })
+        // Of a program that is refused, no file is written.
+        let beside = output.filter(|_| !plan.is_refused());
+        print_beside(&[&beside], &text)?;
+        Ok(code)
     }
-}
-
-/// Tells why nothing is planned.
-fn refuse(plan: &Plan, reading: &Reading, rig: &str, json: bool) -> anyhow::Result<ExitCode> {
-    let name = reading.name();
-    if json {
-        let (refused, warnings): (Vec<_>, Vec<_>) =
-            plan.outcome.findings.iter().partition(|finding| finding.severity == Severity::Error);
-        let objects = |findings: Vec<&Finding>| findings.into_iter().map(as_json).collect::<Vec<_>>();
-        let result = json!({
-            "file": name,
-            "rig": rig,
-            "dialect": plan.outcome.dialect.name(),
-            "lines": plan.outcome.lines,
-            "motions": plan.outcome.motions,
-            "frames": 0,
-            "time_s": null,
-            "worst_x_mm": null,
-            "worst_z_mm": null,
-            "end": null,
-            "warnings": objects(warnings),
-            "refused": objects(refused),
-        });
-        print(&format!("{result}\n"))?;
-    } else {
-        let dialect = plan.outcome.dialect.name();
-        print(&format!("{}{name} is refused (dialect {dialect})\n", plan.told(reading)))?;
-    }
-    Ok(ExitCode::from(USAGE))
 }
 
 /// Plays frames in this process, as fast as can be: the time that they take depends on what the machine did before, so
