@@ -166,6 +166,38 @@ fn shorter_retracts_save_time_and_turn_the_same_part() {
 }
 
 #[test]
+fn what_is_planned_is_executed_to_its_end() {
+    let folder = folder();
+    // The ends of travel.
+    let ends = "G21 G18 G8\nG0 X94.08 Z79.89\nG1 Z-79.89 F1000\nG1 Z79.89 F1000\nG0 X-65.37\nG0 X20\nM2\n";
+    run(&[&write(folder.path(), "ends.ngc", ends)]);
+    // Anything, not far from the start: what is refused is left out.
+    let mut state = 7_u32;
+    let mut any = |least: f64, most: f64| {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        least + (most - least) * f64::from(state >> 8) / f64::from(1_u32 << 24)
+    };
+    let mut executed = 0;
+    for nth in 0..30 {
+        let mut text = "G21 G18 G8\nM3 S600\n".to_owned();
+        for _ in 0..6 {
+            let (x, z) = (any(13.0, 16.0), any(-3.0, 3.0));
+            text += &match any(0.0, 4.0) as u32 {
+                0 => format!("G0 X{x:.3} Z{z:.3}\n"),
+                1 => format!("G3 X{x:.3} Z{z:.3} R{:.3} F{:.1}\n", any(6.0, 20.0), any(5.0, 500.0)),
+                2 => format!("G96 S{:.0} D1500\n", any(20.0, 120.0)),
+                _ => format!("G1 X{x:.3} Z{z:.3} F{:.1}\n", any(5.0, 900.0)),
+            };
+        }
+        let path = write(folder.path(), &format!("{nth}.ngc"), &(text + "M2\n"));
+        let (code, plan) = result(&["gcode", "plan", &path, "--json"]);
+        assert!(code == Some(2) || plan["outcome"] == "completed", "{plan}");
+        executed += usize::from(code == Some(0));
+    }
+    assert!(executed >= 5, "{executed}");
+}
+
+#[test]
 fn g_code_is_sent() {
     let up = Up::start(&["--pace", "max"]);
     let (code, summary) = result(&[

@@ -98,6 +98,8 @@ pub struct Planner {
     at: Place,
     /// The axes that the lathe does not have.
     others: [f64; 2],
+    /// The line of the last motion.
+    line: usize,
     tool: Option<u32>,
     /// Rapids that wait for what follows them: from where, and over which places, each with its line.
     held: Option<(Place, Vec<(usize, Place)>)>,
@@ -124,6 +126,7 @@ impl Planner {
             count: 0,
             at: settings.start,
             others: [0.0; 2],
+            line: 1,
             tool: None,
             held: None,
             rest: None,
@@ -145,6 +148,7 @@ impl Planner {
             return;
         }
         let line = motion.line;
+        self.line = line;
         if !matches!(motion.kind, Kind::Rapid { .. } | Kind::Plane(_) | Kind::Coolant { .. }) {
             self.release(matches!(motion.kind, Kind::Feed { .. } | Kind::Arc { .. }));
         }
@@ -198,8 +202,7 @@ impl Planner {
 
     /// Nothing follows.
     pub fn finish(&mut self) {
-        let line = self.cut.as_ref().map_or(0, |cut| cut.line);
-        self.end(line);
+        self.end(self.line);
     }
 
     /// Whether what follows means nothing: the program has ended, or too much is wrong with it.

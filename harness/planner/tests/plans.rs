@@ -247,9 +247,10 @@ fn a_spindle_change_is_a_frame_of_its_own_before_the_cut() {
 
 #[test]
 fn at_the_end_the_spindle_stops() {
-    for end in ["M2\n", "%\n", ""] {
+    for (end, line) in [("M2\n", 5), ("%\n", 5), ("", 4)] {
         let (frames, _) = planned(&format!("%\n{HEAD}G1 Z-1 F100\n{end}"), settings());
-        assert_eq!(frames.last().unwrap().frame.emit(), [0; 8], "{end}");
+        let last = frames.last().unwrap();
+        assert_eq!((last.frame.emit(), last.line), ([0; 8], line), "{end}");
     }
 }
 
