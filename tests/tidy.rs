@@ -15,7 +15,7 @@ struct Crate {
     may_use: &'static [&'static str],
 }
 
-const CRATES: [Crate; 16] = [
+const CRATES: [Crate; 17] = [
     Crate { folder: "protocol", pure: true, may_use: &[] },
     Crate { folder: "protocol/gcode", pure: true, may_use: &[] },
     Crate { folder: "protocol/grbl", pure: true, may_use: &["protocol"] },
