@@ -8,7 +8,7 @@ use crate::control::OnOff;
 use crate::encoder::Encoder;
 use crate::machine::{Machine, Progress, quantity};
 use crate::pins::Stage;
-use crate::plant::{Axis, Plant, PositionMotor};
+use crate::plant::{Axis, Plant};
 use crate::settings::DepthSettings;
 use crate::slave::Slave;
 use crate::task::Task;
@@ -109,14 +109,10 @@ impl Machine for DepthMachine {
     type SubFrame = DepthSubFrame;
 
     fn new(settings: &DepthSettings) -> (Self, u32) {
-        let DepthSettings { plant, drive, controller, .. } = settings;
-        let full = settings.speed_mm_per_s();
-        let motor = PositionMotor::new(plant.tau_s, full, plant.travel_mm / 2.0)
-            .with_load(plant.friction, plant.load_torque, drive.supply)
-            .with_backlash(plant.backlash_mm);
+        let encoder = Encoder::new(settings.slots_per_mm());
         // The motor is switched on or off, nothing between.
-        let axis = Axis::new(motor, Encoder::new(settings.slots_per_mm()), full, 1.0).with_encoder_along_slide();
-        (Self { axis, carriage: 0, firmware: Firmware::new(settings), service: 0 }, controller.poll_ms)
+        let axis = Axis::new(settings.motor(), encoder, settings.speed_mm_per_s(), 1.0).with_encoder_along_slide();
+        (Self { axis, carriage: 0, firmware: Firmware::new(settings), service: 0 }, settings.controller.poll_ms)
     }
 
     fn signals(&self) -> [Signal; 4] {
@@ -188,9 +184,118 @@ impl Machine for DepthMachine {
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+    use torno_protocol::board::MotorStimulus;
     use torno_protocol::time::Span;
 
     use super::*;
+    use crate::Slide;
+
+    /// A machine, and a slide that is told what telemetry tells of it.
+    struct Followed {
+        machine: DepthMachine,
+        slide: Slide,
+        told: [i64; 2],
+        now: Instant,
+    }
+
+    impl Followed {
+        fn new(settings: &DepthSettings) -> Self {
+            let (machine, _) = DepthMachine::new(settings);
+            Self { machine, slide: Slide::new(settings), told: [0; 2], now: Instant::START }
+        }
+
+        fn tell(&mut self) {
+            let [position, _, drive, offset] = self.machine.values();
+            if self.told != [position + offset, drive] {
+                self.told = [position + offset, drive];
+                self.slide.advance(self.now);
+                self.slide.drive(drive);
+                self.slide.count(position + offset);
+            }
+        }
+
+        /// A move to its end, and what follows it within `more` polls; gives how far slide and machine were apart.
+        fn go(&mut self, slots: i8, more: u32) -> f64 {
+            let direction = u8::from(slots < 0);
+            self.machine.start(self.now, DepthSubFrame::parse([0, slots.unsigned_abs(), direction]).unwrap());
+            self.tell();
+            let (mut worst, mut left) = (0.0, None);
+            while left != Some(0) {
+                self.now = self.now + Span::from_millis(10);
+                let progress = self.machine.sample(self.now, left.is_none());
+                self.tell();
+                left = match left {
+                    None if progress == Progress::Going => None,
+                    None => Some(more),
+                    Some(left) => Some(left - 1),
+                };
+                worst = self.apart().max(worst);
+            }
+            worst
+        }
+
+        /// In slots.
+        fn apart(&mut self) -> f64 {
+            self.slide.advance(self.now);
+            (self.slide.counts() - self.machine.axis.slide() * 5.625).abs()
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(32))]
+
+        #[test]
+        fn a_slide_that_is_followed_is_where_it_is(
+            moves in proptest::collection::vec((-9_i8..=9, 0_u32..100), 1..8),
+            (tau_s, rpm, friction, load_torque) in (0.005..0.2, 4.0..30.0, 0.0..0.5, 0.0..0.4_f64),
+            backlash_mm in 0.0..0.3,
+        ) {
+            let mut settings = DepthSettings::default();
+            for (loaded, backlash) in [(0.0, 0.0), (1.0, backlash_mm)] {
+                settings.plant.tau_s = tau_s;
+                settings.plant.rpm = rpm;
+                settings.plant.friction = loaded * friction;
+                settings.plant.load_torque = loaded * load_torque.min(0.9 * friction);
+                settings.plant.backlash_mm = backlash;
+                let mut followed = Followed::new(&settings);
+                for (slots, more) in &moves {
+                    let worst = followed.go(*slots, *more);
+                    // A poll may come late for an edge: up to there the count holds it back.
+                    let late = rpm / 60.0 * 2.0 * 0.010 * 5.625 + 1e-5;
+                    prop_assert!(worst <= late, "{worst}");
+                }
+                followed.go(0, 200);
+                prop_assert!(followed.apart() < 2e-5);
+            }
+        }
+    }
+
+    #[test]
+    fn a_slide_stands_where_it_was_last_and_beyond_the_middle_of_its_slot() {
+        let mut followed = Followed::new(&DepthSettings::default());
+        followed.go(4, 100);
+        let out = followed.slide.counts();
+        assert!((3.5..3.65).contains(&out) && followed.slide.stands_at().is_none(), "{out}");
+        followed.go(0, 100);
+        assert_eq!(followed.slide.counts(), out);
+        followed.go(5, 0);
+        followed.go(-5, 100);
+        let back = followed.slide.counts();
+        assert!((4.35..4.5).contains(&back) && (0.75..0.85).contains(&(back - out)), "{out} {back}");
+    }
+
+    #[test]
+    fn what_blocks_a_slide_is_seen_within_its_slot() {
+        let mut followed = Followed::new(&DepthSettings::default());
+        followed.go(2, 100);
+        followed.machine.plant().disturb(followed.now, &MotorStimulus::Stall(true));
+        followed.go(9, 100);
+        assert!(followed.apart() < 1.0 && followed.slide.counts() == 2.5, "{:?}", followed.slide);
+        followed.machine.plant().disturb(followed.now, &MotorStimulus::Stall(false));
+        followed.go(2, 100);
+        assert!(followed.apart() < 0.02, "{:?}", followed.slide);
+    }
 
     /// What became of each poll, with the axis at these counts: the drive after it, and whether it was done.
     fn polls(target: u8, counts: &[i64]) -> Vec<(i64, bool)> {

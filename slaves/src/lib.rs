@@ -10,6 +10,8 @@
 //! all three: it puts sub-frames together and answers the master. A board that needs no link, because nobody sends it
 //! sub-frames, runs the tasks.
 //!
+//! [`Slide`] is where the infeed's slide is between two of its counts, for who looks on from outside.
+//!
 //! A plant moves on only when something happens on its own board, in closed form over the time that has passed; so
 //! nobody can tell when somebody else looked.
 
@@ -25,6 +27,7 @@ mod schedule;
 mod servo;
 mod settings;
 mod slave;
+mod slide;
 mod spindle;
 mod task;
 mod telemetry;
@@ -39,6 +42,7 @@ pub use settings::{
     SpindleDrive, SpindleEncoder, SpindlePlant, SpindleSettings, TransverseController, TransverseDrive,
     TransverseEncoder, TransversePlant, TransverseSettings,
 };
+pub use slide::Slide;
 pub use spindle::{Spindle, SpindleTask};
 pub use task::Task;
 pub use transverse::{Transverse, TransverseTask};

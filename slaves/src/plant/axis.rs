@@ -86,6 +86,12 @@ impl Axis {
         self.motor.position()
     }
 
+    /// The carriage's place, in units of position.
+    #[cfg(test)]
+    pub(crate) const fn slide(&self) -> f64 {
+        self.motor.carriage()
+    }
+
     /// What the encoder sees.
     fn seen(&self) -> f64 {
         let motor = if self.along_slide { self.motor.carriage() } else { self.motor.position() };

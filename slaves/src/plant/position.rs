@@ -85,6 +85,12 @@ impl PositionMotor {
         self
     }
 
+    /// Motor and carriage are so far from where they were taken to be.
+    pub(crate) fn shift(&mut self, by: f64) {
+        self.position += by;
+        self.carriage.position += by;
+    }
+
     /// Something happens to motor or axis; `way` is what so many counts are in units of position.
     pub(crate) fn disturb(&mut self, what: &MotorStimulus, way: impl Fn(i32) -> f64) {
         match what {

@@ -3,6 +3,7 @@
 use torno_protocol::settings;
 
 use super::axis;
+use crate::plant::PositionMotor;
 
 /// Driven for so many slot times without a slot, the axis is stalled. (Ours.)
 const STALL_SLOTS: f64 = 3.0;
@@ -74,6 +75,19 @@ impl DepthSettings {
     /// The speed when driven, in mm/s.
     pub fn speed_mm_per_s(&self) -> f64 {
         self.plant.pitch_mm * self.plant.rpm / 60.0
+    }
+
+    /// The speed that it cannot exceed, in mm/s: a torque in its sense helps.
+    pub(crate) fn fastest_mm_per_s(&self) -> f64 {
+        (self.drive.supply + self.plant.load_torque.abs()) * self.speed_mm_per_s()
+    }
+
+    /// The motor with its slide, in mm.
+    pub(crate) fn motor(&self) -> PositionMotor {
+        let Self { plant, drive, .. } = self;
+        PositionMotor::new(plant.tau_s, self.speed_mm_per_s(), plant.travel_mm / 2.0)
+            .with_load(plant.friction, plant.load_torque, drive.supply)
+            .with_backlash(plant.backlash_mm)
     }
 
     /// Slots in a mm.
