@@ -222,7 +222,7 @@ mod tests {
             self.tell();
             let (mut worst, mut left) = (0.0, None);
             while left != Some(0) {
-                self.now = self.now + Span::from_millis(10);
+                self.now += Span::from_millis(10);
                 let progress = self.machine.sample(self.now, left.is_none());
                 self.tell();
                 left = match left {

@@ -12,6 +12,7 @@ use torno_protocol::record::{Grant, Heard, Report, Timed};
 use torno_protocol::settings::{OutOfRange, Setting};
 use torno_protocol::stepping::{BrokenPromise, Cell, Stepper};
 use torno_protocol::time::Instant;
+use torno_slaves::Slide;
 use torno_text::{Complaint, of_toml};
 
 use crate::MACHINES;
@@ -33,8 +34,17 @@ pub struct Kind {
     pub(crate) build: fn(&Settings<'_>, Clock) -> Result<Built, Complaint>,
     /// The motor at this place among such a board's, or why none can be driven freely.
     pub(crate) motor: fn(&Settings<'_>, u8) -> Result<OnBench, Complaint>,
-    /// How far the carriage of the motor at this place goes for each count of its encoder, in mm.
-    pub(crate) mm_per_count: fn(&Settings<'_>, u8) -> Result<Option<f64>, Complaint>,
+    /// The carriage of the motor at this place among such a board's; None if it moves none.
+    pub(crate) carriage: fn(&Settings<'_>, u8) -> Result<Option<Carriage>, Complaint>,
+}
+
+/// A motor's carriage.
+#[derive(Clone, Debug)]
+pub struct Carriage {
+    /// How far it goes for each count of its encoder, in mm.
+    pub mm_per_count: f64,
+    /// What follows it between two counts, if they are far apart.
+    pub slide: Option<Slide>,
 }
 
 /// A board of any kind with its stepper.
@@ -130,13 +140,13 @@ pub fn motor(kind: &str, settings: &str, motor: u8) -> Result<OnBench, KindError
     with(kind, settings, |found, settings| (found.motor)(settings, motor))
 }
 
-/// How far the carriage of the motor at this place among those of a board of that kind goes for each count of its
-/// encoder, in mm; None if it moves no carriage. `settings` is TOML.
+/// The carriage of the motor at this place among those of a board of that kind; None if it moves none. `settings` is
+/// TOML.
 ///
 /// # Errors
 /// [`KindError`] if there is no such kind, or its settings are wrong.
-pub fn mm_per_count(kind: &str, settings: &str, motor: u8) -> Result<Option<f64>, KindError> {
-    with(kind, settings, |found, settings| (found.mm_per_count)(settings, motor))
+pub fn carriage(kind: &str, settings: &str, motor: u8) -> Result<Option<Carriage>, KindError> {
+    with(kind, settings, |found, settings| (found.carriage)(settings, motor))
 }
 
 pub(crate) fn with<T>(
@@ -201,7 +211,9 @@ mod tests {
 
     #[test]
     fn a_count_is_what_screw_and_encoder_make_of_it() {
-        let worth = |kind: &str, settings: &str, motor: u8| mm_per_count(kind, settings, motor).unwrap();
+        let worth = |kind: &str, settings: &str, motor: u8| {
+            carriage(kind, settings, motor).unwrap().map(|carriage| carriage.mm_per_count)
+        };
         assert_eq!(worth("transverse", "", 0), Some(2.0 / 900.0));
         assert_eq!(worth("transverse", "plant.pitch_mm = 1.0", 0), Some(1.0 / 900.0));
         assert_eq!(worth("depth", "encoder.slots = 450", 0), Some(160.0 / 450.0));
@@ -211,7 +223,7 @@ mod tests {
         assert_eq!([0, 3].map(|motor| worth("dspic", "", motor)), [None, None]);
         assert_eq!(worth("depth", "", 1), None);
         assert_eq!(worth("spindle", "", 0), None);
-        assert!(mm_per_count("lathe", "", 0).is_err());
+        assert!(carriage("lathe", "", 0).is_err());
     }
 
     /// Whatever the board, it is the value that a complaint points at: by the type, by the range or by the names.
@@ -257,7 +269,7 @@ mod tests {
                 let at = [Role::Position, Role::Speed].map(|role| description.signal(motor, role, Some("counts")));
                 let is_axis = named.capabilities.contains(&Capability::Axis);
                 assert_eq!(at.map(|place| place.is_some()), [is_axis, !is_axis], "{kind} {}", named.name);
-                assert_eq!(mm_per_count(kind, "", motor).unwrap().is_some(), is_axis, "{kind} {}", named.name);
+                assert_eq!(carriage(kind, "", motor).unwrap().is_some(), is_axis, "{kind} {}", named.name);
             }
             let motors = description.signals.iter().filter_map(|signal| signal.motor);
             assert!(motors.max().is_none_or(|most| usize::from(most) + 1 == description.motors.len()), "{kind}");

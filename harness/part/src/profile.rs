@@ -65,7 +65,7 @@ impl Profile {
 
     /// Where a point of [`Profile::radii`] lies, in mm: 0 or below.
     pub fn z(point: usize) -> f64 {
-        -(point as f64) * GRID
+        0.0 - point as f64 * GRID
     }
 
     /// The diameter at `z`, in mm; none outside the bar that stands out.

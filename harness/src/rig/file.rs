@@ -5,7 +5,7 @@ use std::path::Path;
 use serde::Deserialize;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
-use torno_protocol::board::{Board as _, Description, Role};
+use torno_protocol::board::{Board as _, Description};
 use torno_protocol::clock::Clock;
 use torno_protocol::layout::{BoardLayout, GATEWAY, Layout, LineLayout};
 use torno_protocol::time::Span;
@@ -345,13 +345,11 @@ impl RigFile {
         let name = raw.name.into_inner();
         let layout = layout([&pc].into_iter().chain(&more), &boards, &links);
         let mut file = Self { name, pc, more, boards, layout, part: None, text: String::new() };
-        let worth = |node: usize, signal: u8| {
-            let Board { kind, settings, description, .. } = file.boards.get(node)?;
-            let signal = description.signals.get(usize::from(signal))?;
-            let motor = signal.motor.filter(|_| matches!(signal.role, Role::Position | Role::Offset))?;
-            kinds::mm_per_count(kind, settings, motor).ok().flatten()
+        let carriage = |node: usize, motor: u8| {
+            let Board { kind, settings, .. } = file.boards.get(node)?;
+            kinds::carriage(kind, settings, motor).ok().flatten()
         };
-        file.part = raw.part.map(|part| part.check(&file.names(), &worth)).transpose()?;
+        file.part = raw.part.map(|part| part.check(&file.names(), &carriage)).transpose()?;
         Ok(file)
     }
 }

@@ -59,7 +59,7 @@ fn cut(facts: &[Fact]) -> Turned {
 
 #[test]
 fn the_carriage_is_where_it_is_and_not_where_the_firmware_believes_it_to_be() {
-    // Seven slots in, two of them clear of the bar; the firmware has counted five.
+    // Seven slots in, two of them clear of the bar, and just over the edge of the last; the firmware has counted five.
     let [position, offset] = [0, 3];
     let turned = cut(&[
         told(DEPTH, 1_000, position, -5),
@@ -68,8 +68,25 @@ fn the_carriage_is_where_it_is_and_not_where_the_firmware_believes_it_to_be() {
         told(TRANSVERSE, 3_000, 1, -70_000),
     ]);
     let slot = 160.0 / 900.0;
-    assert!((turned.profile.diameter(-1.0).unwrap() - (28.0 - 2.0 * 5.0 * slot)).abs() < 1e-9);
+    assert!((turned.profile.diameter(-1.0).unwrap() - (28.0 - 2.0 * 4.5 * slot)).abs() < 1e-9);
     assert_eq!(turned.profile.diameter(-2.01), Some(28.0));
+}
+
+#[test]
+fn a_slide_stands_where_it_has_coasted_to() {
+    // At 1.5 slots a second it is over the third edge after 1.717 s, and coasts on for 0.075 slots.
+    let [position, drive] = [0, 2];
+    let turned = cut(&[
+        told(DEPTH, 0, drive, -1),
+        told(DEPTH, 390, position, -1),
+        told(DEPTH, 1_060, position, -2),
+        told(DEPTH, 1_720, position, -3),
+        told(DEPTH, 1_720, drive, 0),
+        told(TRANSVERSE, 3_000, position, -900),
+    ]);
+    let slot = 160.0 / 900.0;
+    let gone = 1.5 * (1.72 - 0.05) + 0.075;
+    assert!((turned.profile.diameter(-1.0).unwrap() - (28.0 - 2.0 * (gone - 2.0) * slot)).abs() < 1e-5);
 }
 
 #[test]

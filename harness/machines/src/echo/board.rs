@@ -18,7 +18,7 @@ pub(super) const KIND: Kind = Kind {
     settings: EchoSettings::declared,
     build: |settings, clock| Ok(boxed(EchoBoard::new(&read(settings, EchoSettings::check)?, clock))),
     motor: |settings, _| read(settings, EchoSettings::check).map(|_| Err(NO_MOTOR)),
-    mm_per_count: |settings, _| read(settings, EchoSettings::check).map(|_| None),
+    carriage: |settings, _| read(settings, EchoSettings::check).map(|_| None),
 };
 
 settings! {

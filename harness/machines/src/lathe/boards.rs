@@ -4,10 +4,10 @@ use torno_dspic::{Dspic, DspicSettings};
 use torno_master::{Master, MasterSettings};
 use torno_protocol::lathe::Slave;
 use torno_slaves::{
-    Depth, DepthSettings, LeadForm, PositionForm, Spindle, SpindleSettings, Transverse, TransverseSettings,
+    Depth, DepthSettings, LeadForm, PositionForm, Slide, Spindle, SpindleSettings, Transverse, TransverseSettings,
 };
 
-use crate::kinds::{Kind, boxed, read};
+use crate::kinds::{Carriage, Kind, boxed, read};
 use crate::motor::{Encoder, Form, Law, Motor, NO_MOTOR};
 
 /// The kinds of the lathe's boards.
@@ -17,7 +17,7 @@ pub(super) const KINDS: [Kind; 5] = [
         settings: MasterSettings::declared,
         build: |settings, clock| Ok(boxed(Master::new(&read(settings, MasterSettings::check)?, clock))),
         motor: |settings, _| read(settings, MasterSettings::check).map(|_| Err(NO_MOTOR)),
-        mm_per_count: |settings, _| read(settings, MasterSettings::check).map(|_| None),
+        carriage: |settings, _| read(settings, MasterSettings::check).map(|_| None),
     },
     Kind {
         name: "spindle",
@@ -27,7 +27,7 @@ pub(super) const KINDS: [Kind; 5] = [
             let settings = read(settings, SpindleSettings::check)?;
             Ok(if motor == 0 { Ok(spindle(&settings)) } else { Err(NO_MOTOR) })
         },
-        mm_per_count: |settings, _| read(settings, SpindleSettings::check).map(|_| None),
+        carriage: |settings, _| read(settings, SpindleSettings::check).map(|_| None),
     },
     Kind {
         name: "transverse",
@@ -37,7 +37,7 @@ pub(super) const KINDS: [Kind; 5] = [
             let settings = read(settings, TransverseSettings::check)?;
             Ok(if motor == 0 { Ok(transverse(&settings)) } else { Err(NO_MOTOR) })
         },
-        mm_per_count: |settings, motor| {
+        carriage: |settings, motor| {
             let settings = read(settings, TransverseSettings::check)?;
             Ok((motor == 0).then(|| feed(&settings)))
         },
@@ -50,7 +50,7 @@ pub(super) const KINDS: [Kind; 5] = [
             let settings = read(settings, DepthSettings::check)?;
             Ok(if motor == 0 { Ok(depth(&settings)) } else { Err(NO_MOTOR) })
         },
-        mm_per_count: |settings, motor| {
+        carriage: |settings, motor| {
             let settings = read(settings, DepthSettings::check)?;
             Ok((motor == 0).then(|| infeed(&settings)))
         },
@@ -68,7 +68,7 @@ pub(super) const KINDS: [Kind; 5] = [
                 None => Err(NO_MOTOR),
             })
         },
-        mm_per_count: |settings, motor| {
+        carriage: |settings, motor| {
             let settings = read(settings, DspicSettings::check)?;
             Ok(match Slave::ALL.get(usize::from(motor)) {
                 Some(Slave::Transverse) => Some(feed(&settings.transverse)),
@@ -79,12 +79,12 @@ pub(super) const KINDS: [Kind; 5] = [
     },
 ];
 
-fn feed(settings: &TransverseSettings) -> f64 {
-    1.0 / settings.counts(1.0)
+fn feed(settings: &TransverseSettings) -> Carriage {
+    Carriage { mm_per_count: 1.0 / settings.counts(1.0), slide: None }
 }
 
-fn infeed(settings: &DepthSettings) -> f64 {
-    1.0 / settings.slots_per_mm()
+fn infeed(settings: &DepthSettings) -> Carriage {
+    Carriage { mm_per_count: 1.0 / settings.slots_per_mm(), slide: Some(Slide::new(settings)) }
 }
 
 fn spindle(SpindleSettings { drive, encoder, controller, .. }: &SpindleSettings) -> Motor {

@@ -2,7 +2,7 @@
 
 use torno_slaves::{Servo, ServoSettings};
 
-use crate::kinds::{Kind, boxed, read};
+use crate::kinds::{Carriage, Kind, boxed, read};
 
 /// Why its motor cannot be driven freely.
 const NO_ROOM: &str = "has an axis that begins at the end of its travel: there is no room to drive it freely";
@@ -13,8 +13,8 @@ pub(super) const SERVO: Kind = Kind {
     settings: ServoSettings::declared,
     build: |settings, clock| Ok(boxed(Servo::new(&read(settings, ServoSettings::check)?, clock))),
     motor: |settings, _| read(settings, ServoSettings::check).map(|_| Err(NO_ROOM)),
-    mm_per_count: |settings, motor| {
+    carriage: |settings, motor| {
         let settings = read(settings, ServoSettings::check)?;
-        Ok((motor == 0).then(|| 1.0 / settings.counts(1.0)))
+        Ok((motor == 0).then(|| Carriage { mm_per_count: 1.0 / settings.counts(1.0), slide: None }))
     },
 };

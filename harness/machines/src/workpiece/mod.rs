@@ -3,5 +3,5 @@
 mod part;
 mod path;
 
-pub use part::{Axis, Part, RawPart, Source, Worth};
+pub use part::{Axis, Carriages, Follower, Part, RawPart, Source};
 pub use path::{ToolPath, Turned};

@@ -3,11 +3,15 @@
 use serde::Deserialize;
 use toml::Spanned;
 use torno_part::{Limits, Nose, Place, Profile, Resolution};
+use torno_protocol::board::Role;
 use torno_protocol::lathe::Program;
 
 use torno_bus::Names;
 use torno_engine::NodeId;
+use torno_slaves::Slide;
 use torno_text::Complaint;
+
+use crate::kinds::Carriage;
 
 /// The part that a rig turns. (Ours: the lathe paper cuts nothing.)
 #[derive(Clone, Debug)]
@@ -35,8 +39,19 @@ pub struct Part {
 pub struct Axis {
     /// How far it has gone since the start, in mm.
     pub way: Source,
+    /// What follows it between two counts, if they are far apart.
+    pub follower: Option<Follower>,
     /// Where the tool stands at the start, in mm.
     pub start: f64,
+}
+
+/// What follows a slide between two of its counts.
+#[derive(Clone, Debug)]
+pub struct Follower {
+    /// The quantity of the same board that says how the slide is driven.
+    pub drive: u8,
+    /// As at the start.
+    pub slide: Slide,
 }
 
 /// Where a number comes from: the sum of some of a board's quantities, scaled.
@@ -91,13 +106,17 @@ struct RawSpindle {
     rpm_per_count: Spanned<f64>,
 }
 
-/// What one count of a board's quantity is worth, in mm, by the board's own screw and encoder.
-pub type Worth<'a> = &'a dyn Fn(NodeId, u8) -> Option<f64>;
+/// What moves with a motor of a board, by the board's own screw and encoder.
+pub type Carriages<'a> = &'a dyn Fn(NodeId, u8) -> Option<Carriage>;
 
-/// What a count of these quantities is worth, if they all count the board's carriage.
-fn by_the_board(node: NodeId, signals: &[u8], worth: Worth<'_>) -> Option<f64> {
-    let first = worth(node, *signals.first()?)?;
-    signals.iter().all(|signal| worth(node, *signal) == Some(first)).then_some(first)
+/// The motor of a board that these quantities count the carriage of, if they all count the same.
+fn motor_of(names: &Names, node: NodeId, signals: &[u8]) -> Option<u8> {
+    let motor = |signal: &u8| {
+        let signal = names.descriptions[node].signals.get(usize::from(*signal))?;
+        signal.motor.filter(|_| matches!(signal.role, Role::Position | Role::Offset))
+    };
+    let first = motor(signals.first()?)?;
+    signals.iter().all(|signal| motor(signal) == Some(first)).then_some(first)
 }
 
 impl RawPart {
@@ -105,39 +124,51 @@ impl RawPart {
     ///
     /// # Errors
     /// Where, and what was expected.
-    pub fn check(&self, names: &Names, worth: Worth<'_>) -> Result<Part, Complaint> {
+    pub fn check(&self, names: &Names, carriages: Carriages<'_>) -> Result<Part, Complaint> {
         let within = |name: &str, value: &Spanned<f64>, least: f64, most: f64| {
             let found = *value.get_ref();
             let fits = (least..=most).contains(&found);
             let complaint = || (value.span(), format!("{name} = {found}: expected {least} to {most}"));
             fits.then_some(found).ok_or_else(complaint)
         };
-        let source = |board: &Spanned<String>,
-                      quantities: &Spanned<Vec<Spanned<String>>>,
-                      scale: (&str, Option<&Spanned<f64>>)| {
+        let quantities = |board: &Spanned<String>, quantities: &Spanned<Vec<Spanned<String>>>| {
             let node = names.board(board)?;
             let signals =
                 quantities.get_ref().iter().map(|name| names.signal(node, name)).collect::<Result<Vec<_>, _>>()?;
             if signals.is_empty() {
                 return Err((quantities.span(), format!("expected quantities of '{}', found none", board.get_ref())));
             }
-            let per_count = match scale {
-                (name, Some(worth)) => {
-                    let per_count = within(name, worth, -1_000.0, 1_000.0)?;
-                    if per_count == 0.0 {
-                        return Err((worth.span(), format!("{name} = 0: expected what one count is worth")));
-                    }
-                    per_count
-                }
-                (name, None) => by_the_board(node, &signals, worth)
-                    .ok_or_else(|| (quantities.span(), format!("no board counts a carriage so: expected {name}")))?,
-            };
-            Ok(Source { node, signals, per_count })
+            Ok((node, signals))
+        };
+        let worth = |name: &str, value: &Spanned<f64>| {
+            let per_count = within(name, value, -1_000.0, 1_000.0)?;
+            if per_count == 0.0 {
+                return Err((value.span(), format!("{name} = 0: expected what one count is worth")));
+            }
+            Ok(per_count)
         };
         let axis = |raw: &RawAxis| {
-            let way = source(&raw.board, &raw.quantities, ("mm_per_count", raw.mm_per_count.as_ref()))?;
-            Ok::<_, Complaint>(Axis { way, start: within("start_mm", &raw.start_mm, -2_000.0, 2_000.0)? })
+            let (node, signals) = quantities(&raw.board, &raw.quantities)?;
+            let motor = motor_of(names, node, &signals);
+            let carriage = motor.and_then(|motor| carriages(node, motor));
+            let per_count = match (&raw.mm_per_count, &carriage) {
+                (Some(value), _) => worth("mm_per_count", value)?,
+                (None, Some(carriage)) => carriage.mm_per_count,
+                (None, None) => {
+                    let message = "no board counts a carriage so: expected mm_per_count";
+                    return Err((raw.quantities.span(), message.to_owned()));
+                }
+            };
+            let drive = motor.and_then(|motor| names.descriptions[node].signal(motor, Role::Drive, None));
+            let slide = carriage.and_then(|carriage| carriage.slide);
+            Ok(Axis {
+                way: Source { node, signals, per_count },
+                follower: drive.zip(slide).map(|(drive, slide)| Follower { drive, slide }),
+                start: within("start_mm", &raw.start_mm, -2_000.0, 2_000.0)?,
+            })
         };
+        let (node, signals) = quantities(&self.spindle.board, &self.spindle.quantities)?;
+        let spindle = Source { node, signals, per_count: worth("rpm_per_count", &self.spindle.rpm_per_count)? };
         let length = within("length_mm", &self.length_mm, 1.0, 2_000.0)?;
         let RawNose { radius_mm, lead_deg, trail_deg } = *self.nose.get_ref();
         let depth = self.deepest_mm.as_ref().map(|depth| within("deepest_mm", depth, 0.001, 1_000.0)).transpose()?;
@@ -154,11 +185,7 @@ impl RawPart {
             },
             z: axis(&self.z)?,
             x: axis(&self.x)?,
-            spindle: source(
-                &self.spindle.board,
-                &self.spindle.quantities,
-                ("rpm_per_count", Some(&self.spindle.rpm_per_count)),
-            )?,
+            spindle,
         })
     }
 }
@@ -169,11 +196,16 @@ impl Part {
         Profile::bar(self.diameter, self.out)
     }
 
-    /// Where the tool is when the axes have gone so many counts from the start.
+    /// Where the tool is when the axes have gone so many counts from the start, and stand in the middle of the last.
     pub fn place(&self, z: i64, x: i64) -> Place {
+        self.between(z as f64, x as f64)
+    }
+
+    /// The same between two counts.
+    pub fn between(&self, z: f64, x: f64) -> Place {
         Place {
-            z: self.z.start + self.z.way.per_count * z as f64,
-            x: self.diameter / 2.0 + self.x.start + self.x.way.per_count * x as f64,
+            z: self.z.start + self.z.way.per_count * z,
+            x: self.diameter / 2.0 + self.x.start + self.x.way.per_count * x,
         }
     }
 
