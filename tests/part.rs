@@ -353,6 +353,47 @@ fn a_scenario_expects_diameters_and_forbids_events() {
     assert!(failure.at < outcome.end);
 }
 
+/// The lathe with a boring bar in a bore of 10 mm, two slots clear of its wall.
+fn boring(folder: &Path) -> String {
+    let text = include_str!("../harness/builtin/lathe.toml");
+    let text = text.replacen("out_mm = 60", "bore_mm = 10\nout_mm = 60", 1);
+    let text = text.replacen("trail_deg = 32 }", "trail_deg = 32, cuts = \"inside\" }", 1);
+    write(folder, "boring.toml", &text.replacen("start_mm = 0.35555555555556", "start_mm = -0.35555555555556", 1))
+}
+
+#[test]
+fn a_bore_is_turned_told_drawn_and_checked() {
+    let folder = folder();
+    let rig = boring(folder.path());
+    // Outwards into the wall, 20 mm along, and back to the middle.
+    let frames = "4B 00 00 00 00 00 05 00\n4B 46 23 28 01 00 00 00\n4B 00 00 00 00 00 05 01\n";
+    let program = write(folder.path(), "bore.frames", frames);
+    let svg = folder.path().join("bore.svg");
+    let told = output(&["run", "--in-process", &rig, &program, "--part", svg.to_str().unwrap()]);
+    let text = String::from_utf8(told.stdout).unwrap();
+    assert!(text.contains("\npart     bored  10.92 x 20.00 mm (diameter x length, from the face)\n"), "{text}");
+    assert!(text.contains("\n         asked  11.07 x 20.00 mm\n"), "{text}");
+    assert!(text.contains("worst  0.15 mm of diameter too narrow, at z = "), "{text}");
+    let told = run(&[&rig, &program]);
+    assert_eq!((&told["side"], events(&told).len()), (&"inside".into(), 0), "{told}");
+    let svg = fs::read_to_string(svg).unwrap();
+    assert!(svg.contains("Ø10.92 (11.07)") && svg.contains("bore Ø10"), "{svg}");
+
+    let frames: Vec<&str> = frames.lines().collect();
+    let bored = scenario("a bore").on(&rig).send(frames[0]).wait(reply("XON")).send(frames[1]).wait(reply("XON"));
+    let never = ["stopped", "rapid", "chuck", "deep", "wall"].into_iter();
+    let bored = never.fold(bored, |scenario, event| scenario.never(part(event)));
+    bored.clone().diameter("-10 mm", "10.92 mm", "0.01 mm").diameter("-21 mm", "10 mm", "0 mm").must_pass();
+    bored.clone().check(part("as asked").with("within", "0.15 mm")).must_pass();
+    assert_eq!(failures(&bored.diameter("-10 mm", "11.07 mm", "0.1 mm"))[0].1, "10.918 mm");
+
+    // A rapid into the wall, and through it.
+    let crash = write(folder.path(), "crash.frames", &format!("{}\n{}\n", frames[0], frames[1].replace("46", "E1")));
+    assert_eq!(events(&run(&[&rig, &crash])), ["rapid"]);
+    let thin = write(folder.path(), "thin.frames", "4B 00 00 00 00 00 3A 00\n");
+    assert!(events(&run(&[&rig, &thin])).contains(&"wall"));
+}
+
 #[test]
 fn what_is_expected_of_the_part_changes_nothing_of_the_run() {
     let digest = |scenario: &Prose| scenario.run().unwrap().digest;
@@ -378,6 +419,8 @@ fn complaints_about_what_is_expected_say_where_and_what() {
     let said = complaint(turns().on(&bare).never(part("rapid")));
     assert!(said.contains("the rig 'lathe' turns no part: expected a [part] in its file"), "{said}");
     let shallow = write(folder.path(), "shallow.toml", &text.replace("\ndeepest_mm = 1 ", "\n#"));
+    let said = complaint(turns().never(part("wall")));
+    assert!(said.contains("on this rig no wall is cut through: expected bore_mm in its [part]"), "{said}");
     let said = complaint(turns().on(&shallow).never(part("deep")));
     assert!(said.contains("on this rig no cut is too deep: expected deepest_mm in its [part]"), "{said}");
 }

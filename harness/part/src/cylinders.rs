@@ -1,13 +1,13 @@
 //! What a calliper would find: the cylinders of a part, their diameters and lengths.
 
-use crate::{GRID, Profile};
+use crate::{GRID, Profile, Side};
 
 /// Within a cylinder the radius is the same within this, in mm.
 const ROUND: f64 = 0.001;
 /// A shorter one is none, in mm.
 const SHORTEST: f64 = 0.5;
 
-/// A cylinder of a part.
+/// A cylinder of a part: of its outside, or of its bore.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cylinder {
     /// Its diameter, in mm.
@@ -16,7 +16,7 @@ pub struct Cylinder {
     pub from: f64,
     /// Where it ends, towards the chuck: at the shoulder, if there is one.
     pub to: f64,
-    /// The bar as it was.
+    /// The bar, or its bore, as it was.
     pub stock: bool,
 }
 
@@ -28,18 +28,19 @@ impl Cylinder {
 }
 
 /// The cylinders of a part, from the face on. What lies between two, the fillet that the nose leaves before a shoulder
-/// and the slope that its edge leaves, belongs to the thinner if it is no longer than `between`, in mm.
+/// and the slope that its edge leaves, belongs to the one that is cut deeper if it is no longer than `between`, in mm.
 pub fn cylinders(part: &Profile, between: f64) -> Vec<Cylinder> {
-    let radii = part.radii();
+    let heights = part.heights();
     let mut found: Vec<Cylinder> = Vec::new();
     let mut first = 0;
-    while first < radii.len() {
-        let same = |radius: &f64| (radius - radii[first]).abs() <= ROUND;
-        let end = radii[first..].iter().position(|radius| !same(radius)).map_or(radii.len(), |length| first + length);
+    while first < heights.len() {
+        let same = |height: &f64| (height - heights[first]).abs() <= ROUND;
+        let end = heights[first..].iter().position(|height| !same(height));
+        let end = end.map_or(heights.len(), |length| first + length);
         let length = (end - 1 - first) as f64 * GRID;
-        if length >= SHORTEST && radii[first] > 0.0 {
-            let diameter = 2.0 * radii[first];
-            let stock = diameter == part.stock();
+        if length >= SHORTEST && heights[first] > part.floor() {
+            let diameter = 2.0 * part.mirrored(heights[first]);
+            let stock = heights[first] == part.stock_height();
             found.push(Cylinder { diameter, from: Profile::z(first), to: Profile::z(end - 1), stock });
         }
         first = if length >= SHORTEST { end } else { first + 1 };
@@ -48,7 +49,8 @@ pub fn cylinders(part: &Profile, between: f64) -> Vec<Cylinder> {
         let (before, after) = (found[place - 1], found[place]);
         if before.to - after.from <= between + GRID {
             // The last point of the fillet: the next is outside the shoulder.
-            let shoulder = if before.diameter < after.diameter { after.from + GRID } else { before.to };
+            let is_outside = part.side() == Side::Outside;
+            let shoulder = if (before.diameter < after.diameter) == is_outside { after.from + GRID } else { before.to };
             (found[place - 1].to, found[place].from) = (shoulder, shoulder);
         }
     }

@@ -3,7 +3,7 @@
 use std::cmp::Ordering;
 use std::fmt;
 
-use crate::{GRID, Profile};
+use crate::{GRID, Profile, Side};
 
 /// Near a shoulder, what was asked for so far to either side is what was asked for, in mm: a shoulder that stands a
 /// hair beside its place is no wrong diameter. What is further off is.
@@ -12,10 +12,12 @@ pub const SHOULDER: f64 = 0.05;
 /// Where a part is furthest from what was asked for.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Deviation {
-    /// How much thicker it is there than asked, in mm of diameter.
+    /// How much more is left there than asked, in mm of diameter: it is thicker, or a bore narrower.
     pub diameter: f64,
     /// Where: a `z` in mm. In the middle, if it is the same on a stretch.
     pub z: f64,
+    /// Of which surface.
+    pub side: Side,
 }
 
 /// Whether a diameter that is off by so much is within a tolerance: on the bound, as written, it is. All in mm.
@@ -25,31 +27,36 @@ pub fn is_within(off: f64, tolerance: f64) -> bool {
 
 impl fmt::Display for Deviation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { diameter, z } = self;
-        match diameter.partial_cmp(&0.0) {
-            Some(Ordering::Greater) => write!(f, "{diameter:.2} mm of diameter too thick, at z = {z:.2} mm"),
-            Some(Ordering::Less) => write!(f, "{:.2} mm of diameter too thin, at z = {z:.2} mm", -diameter),
-            _ => f.write_str("none: it is as asked"),
-        }
+        let Self { diameter, z, side } = self;
+        let [more, less] = match side {
+            Side::Outside => ["thick", "thin"],
+            Side::Inside => ["narrow", "wide"],
+        };
+        let how = match diameter.partial_cmp(&0.0) {
+            Some(Ordering::Greater) => more,
+            Some(Ordering::Less) => less,
+            _ => return f.write_str("none: it is as asked"),
+        };
+        write!(f, "{:.2} mm of diameter too {how}, at z = {z:.2} mm", diameter.abs())
     }
 }
 
-/// How much thicker a part is than another, point by point, in mm of diameter; both come of the same bar. What is
+/// How much more is left of a part than of another, point by point, in mm of diameter; both come of the same bar. What is
 /// within [`SHOULDER`] is right.
 pub fn deviations(got: &Profile, asked: &Profile) -> Vec<f64> {
     let near = (SHOULDER / GRID).round() as usize;
-    let radii = asked.radii();
-    let off = |(point, radius): (usize, &f64)| {
-        let Some(last) = radii.len().checked_sub(1) else { return 0.0 };
-        if radii.get(point) == Some(radius) {
+    let heights = asked.heights();
+    let off = |(point, height): (usize, &f64)| {
+        let Some(last) = heights.len().checked_sub(1) else { return 0.0 };
+        if heights.get(point) == Some(height) {
             return 0.0;
         }
-        let around = &radii[point.saturating_sub(near).min(last)..=(point + near).min(last)];
+        let around = &heights[point.saturating_sub(near).min(last)..=(point + near).min(last)];
         let least = around.iter().copied().fold(f64::INFINITY, f64::min);
         let most = around.iter().copied().fold(0.0, f64::max);
-        2.0 * (radius - radius.clamp(least, most))
+        2.0 * (height - height.clamp(least, most))
     };
-    got.radii().iter().enumerate().map(off).collect()
+    got.heights().iter().enumerate().map(off).collect()
 }
 
 /// The worst of the [`deviations`].
@@ -62,7 +69,7 @@ pub fn deviation(got: &Profile, asked: &Profile) -> Deviation {
             worst.1.end = point;
         }
     }
-    Deviation { diameter: worst.0, z: Profile::z(worst.1.start.midpoint(worst.1.end)) }
+    Deviation { diameter: worst.0, z: Profile::z(worst.1.start.midpoint(worst.1.end)), side: got.side() }
 }
 
 #[cfg(test)]

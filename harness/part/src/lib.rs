@@ -6,12 +6,15 @@
 //!
 //! [`Nose`] is what cuts, [`Profile`] what is left of the bar, [`Turning`] goes the way and notes what should not
 //! happen on it ([`Event`]), [`cylinders`] measures the part, [`deviation`] holds it against another,
-//! [`outline`] is what to draw of it.
+//! [`outline`] is what to draw of it. A [`Path`] is a way of lines and arcs, as a program asks for it.
+//!
+//! A bore is turned as the outside is, on the other [`Side`] of the wall.
 
 mod cylinders;
 mod deviation;
 mod nose;
 mod outline;
+mod path;
 mod profile;
 mod turning;
 
@@ -19,5 +22,6 @@ pub use cylinders::{Cylinder, cylinders};
 pub use deviation::{Deviation, SHOULDER, deviation, deviations, is_within};
 pub use nose::Nose;
 pub use outline::outline;
-pub use profile::{GRID, Place, Profile, Shaving};
+pub use path::{Arc, Move, Path};
+pub use profile::{GRID, Place, Profile, Shaving, Side};
 pub use turning::{Event, Happening, Limits, Resolution, Turning};

@@ -66,6 +66,16 @@ impl Nose {
         }
     }
 
+    /// The slopes of the straight edges, along the axis: infinite if it is upright.
+    pub(crate) fn slopes(&self) -> [f64; 2] {
+        [self.lead.map_or(f64::NEG_INFINITY, |slope| -slope), self.trail]
+    }
+
+    /// Where they touch the arc, along the axis from the tip.
+    pub(crate) const fn changes(&self) -> [f64; 2] {
+        [self.lead_from.0, self.trail_from.0]
+    }
+
     /// Where the edge has a slope: there it touches what it sweeps when it goes at that slope. Infinitely far, if it is
     /// steeper than the straight edges.
     pub(crate) fn touch(&self, slope: f64) -> f64 {

@@ -33,7 +33,7 @@ mod tests {
             let nose = Nose::new(0.4, 90.0, 32.0).unwrap();
             part.cut(&nose, Place { z: 0.0, x }, Place { z, x });
         }
-        let corners = outline(part.radii(), 0.005);
+        let corners = outline(&part.radii(), 0.005);
         assert!((8..60).contains(&corners.len()), "{corners:?}");
         assert!(corners.windows(2).all(|pair| pair[0].z > pair[1].z));
         for (point, radius) in part.radii().iter().enumerate() {
@@ -42,6 +42,6 @@ mod tests {
             let share = (z - pair[0].z) / (pair[1].z - pair[0].z);
             assert!((pair[0].x + share * (pair[1].x - pair[0].x) - radius).abs() <= 0.005 + 1e-9, "{z}");
         }
-        assert_eq!(outline(Profile::bar(28.0, 60.0).radii(), 0.01).len(), 2);
+        assert_eq!(outline(&Profile::bar(28.0, 60.0).radii(), 0.01).len(), 2);
     }
 }

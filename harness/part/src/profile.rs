@@ -1,6 +1,9 @@
-//! What is left of the bar: its radius, point by point along the axis.
+//! What is left of the bar: the radius of the surface that is turned, point by point along the axis.
 
-use crate::Nose;
+use std::borrow::Cow;
+
+use crate::path::ArcSweep;
+use crate::{Arc, Move, Nose, Path};
 
 /// The points are so far apart along the axis, in mm. At each the radius is that which straight moves leave, with no
 /// error but that of floating point; where a shoulder stands is known within this.
@@ -21,6 +24,26 @@ pub struct Place {
     pub x: f64,
 }
 
+/// The surface that a nose cuts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Side {
+    /// The bar's: the tool is further from the axis.
+    #[default]
+    Outside,
+    /// The bore's: the tool is nearer to the axis.
+    Inside,
+}
+
+impl Side {
+    /// Its name in files.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Outside => "outside",
+            Self::Inside => "inside",
+        }
+    }
+}
+
 /// What a move took off.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Shaving {
@@ -28,39 +51,105 @@ pub struct Shaving {
     pub area: f64,
     /// The most at any one point, in mm of radius.
     pub thickest: f64,
+    /// How far beyond the other surface it went, in mm, if it took off all that was left somewhere; else 0.
+    pub through: f64,
 }
 
-/// The profile of a bar, from its face to the chuck.
+/// The profile of a bar, from its face to the chuck: the surface that is turned, and the other one, which is not.
+///
+/// A bore is turned as the outside of its mirror image is: all is reckoned from the far side of the wall.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Profile {
-    stock: f64,
-    /// From the face on, a [`GRID`] apart.
-    radii: Vec<f64>,
+    side: Side,
+    /// The bar's radius, and the bore's: 0 without one.
+    bar: f64,
+    bore: f64,
+    /// From the face on, a [`GRID`] apart: the radius of the outside; of a bore, how far below the bar's surface it is.
+    heights: Vec<f64>,
     /// The greatest of each [`BLOCK`] of them: what was turned thinner before costs no time.
     greatest: Vec<f64>,
 }
 
 impl Profile {
-    /// A bar of a diameter that stands out of the chuck so far, in mm.
+    /// A bar of a diameter that stands out of the chuck so far, in mm, to be turned outside.
     pub fn bar(diameter: f64, out: f64) -> Self {
-        let points = (out / GRID).round().max(0.0) as usize + 1;
-        let stock = diameter / 2.0;
-        Self { stock, radii: vec![stock; points], greatest: vec![stock; points.div_ceil(BLOCK)] }
+        Self::tube(Side::Outside, diameter, 0.0, out)
     }
 
-    /// The diameter of the bar, in mm.
+    /// A bar with a bore all through it, in mm, to be turned on one side; without a bore it is 0.
+    pub fn tube(side: Side, diameter: f64, bore: f64, out: f64) -> Self {
+        let points = (out / GRID).round().max(0.0) as usize + 1;
+        let (bar, bore) = (diameter / 2.0, bore / 2.0);
+        let mut tube = Self { side, bar, bore, heights: Vec::new(), greatest: Vec::new() };
+        let stock = tube.stock_height();
+        (tube.heights, tube.greatest) = (vec![stock; points], vec![stock; points.div_ceil(BLOCK)]);
+        tube
+    }
+
+    /// The surface that is turned.
+    pub const fn side(&self) -> Side {
+        self.side
+    }
+
+    /// The diameter of the surface that is turned, uncut, in mm.
     pub const fn stock(&self) -> f64 {
-        2.0 * self.stock
+        match self.side {
+            Side::Outside => 2.0 * self.bar,
+            Side::Inside => 2.0 * self.bore,
+        }
+    }
+
+    /// The radius of the surface that is not turned, in mm: 0 if it is a bore that is not there.
+    pub const fn other(&self) -> f64 {
+        match self.side {
+            Side::Outside => self.bore,
+            Side::Inside => self.bar,
+        }
     }
 
     /// How far the bar stands out of the chuck, in mm.
     pub fn out(&self) -> f64 {
-        (self.radii.len() - 1) as f64 * GRID
+        (self.heights.len() - 1) as f64 * GRID
     }
 
     /// The radii in mm from the face towards the chuck, a [`GRID`] apart.
-    pub fn radii(&self) -> &[f64] {
-        &self.radii
+    pub fn radii(&self) -> Cow<'_, [f64]> {
+        match self.side {
+            Side::Outside => Cow::Borrowed(&self.heights),
+            Side::Inside => self.heights.iter().map(|height| self.bar - height).collect(),
+        }
+    }
+
+    /// How much is left at each of these points, in mm, from a place that no cut changes.
+    pub(crate) fn heights(&self) -> &[f64] {
+        &self.heights
+    }
+
+    /// The height of the uncut surface, and that at which nothing is left.
+    pub(crate) const fn stock_height(&self) -> f64 {
+        match self.side {
+            Side::Outside => self.bar,
+            Side::Inside => self.bar - self.bore,
+        }
+    }
+
+    pub(crate) const fn floor(&self) -> f64 {
+        match self.side {
+            Side::Outside => self.bore,
+            Side::Inside => 0.0,
+        }
+    }
+
+    /// The radius that is a height, and the height that is a radius.
+    pub(crate) const fn mirrored(&self, x: f64) -> f64 {
+        match self.side {
+            Side::Outside => x,
+            Side::Inside => self.bar - x,
+        }
+    }
+
+    const fn own(&self, Place { z, x }: Place) -> Place {
+        Place { z, x: self.mirrored(x) }
     }
 
     /// Where a point of [`Profile::radii`] lies, in mm: 0 or below.
@@ -71,72 +160,125 @@ impl Profile {
     /// The diameter at `z`, in mm; none outside the bar that stands out.
     pub fn diameter(&self, z: f64) -> Option<f64> {
         let point = (-z / GRID).round();
-        let radius = if point >= 0.0 { self.radii.get(point as usize) } else { None };
-        radius.map(|radius| 2.0 * radius)
+        let height = if point >= 0.0 { self.heights.get(point as usize) } else { None };
+        height.map(|height| 2.0 * self.mirrored(*height))
+    }
+
+    /// Takes off what the nose sweeps on a whole way.
+    pub fn sweep(&mut self, nose: &Nose, path: &Path) {
+        let mut from = path.start;
+        for step in &path.moves {
+            match step {
+                Move::Line(to) => self.cut(nose, from, *to),
+                Move::Arc(arc) => self.cut_arc(nose, from, arc),
+            };
+            from = step.end();
+        }
     }
 
     /// Takes off what the nose sweeps on a straight way.
     pub fn cut(&mut self, nose: &Nose, from: Place, to: Place) -> Shaving {
-        let mut shaving = Shaving::default();
-        let Some((first, last)) = self.reached(nose, from, to) else { return shaving };
-        let lowest = from.x.min(to.x);
+        let (from, to) = (self.own(from), self.own(to));
         let sweep = Sweep::new(nose, from, to);
+        let extent = Extent { z: (from.z.min(to.z), from.z.max(to.z)), lowest: from.x.min(to.x) };
+        self.shave(nose, extent, |z| sweep.height(z), |one, other| sweep.flat(one, other))
+    }
+
+    /// Takes off what the nose sweeps on an arc.
+    pub fn cut_arc(&mut self, nose: &Nose, from: Place, arc: &Arc) -> Shaving {
+        let (start, centre) = (self.own(from), self.own(arc.centre));
+        let swept = arc.swept(from) * if self.side == Side::Inside { -1.0 } else { 1.0 };
+        let sweep = ArcSweep::new(nose, start, centre, swept);
+        let extent = Extent { z: sweep.along(), lowest: sweep.lowest() };
+        let shaving = self.shave(nose, extent, |z| sweep.height(z), |_, _| None);
+        // Its radius may differ a little from end to end.
+        let rest = self.cut(nose, self.own(sweep.end()), arc.to);
+        Shaving {
+            area: shaving.area + rest.area,
+            thickest: shaving.thickest.max(rest.thickest),
+            through: shaving.through.max(rest.through),
+        }
+    }
+
+    fn shave(
+        &mut self,
+        nose: &Nose,
+        extent: Extent,
+        height: impl Fn(f64) -> f64,
+        flat: impl Fn(f64, f64) -> Option<f64>,
+    ) -> Shaving {
+        let mut shaving = Shaving::default();
+        let Some((first, last)) = self.reached(nose, extent) else { return shaving };
+        let (floor, has_wall) = (self.floor(), self.other() > 0.0);
         // What has been turned as thin lies within the noise of floating point of it.
-        let cut = lowest + NOTHING;
+        let cut = extent.lowest.max(floor) + NOTHING;
         let blocks = first / BLOCK..=last / BLOCK;
         let starts = blocks.clone().map(|block| block * BLOCK);
-        let radii = self.radii[blocks.start() * BLOCK..].chunks_mut(BLOCK);
-        for ((radii, greatest), start) in radii.zip(&mut self.greatest[blocks]).zip(starts) {
+        let heights = self.heights[blocks.start() * BLOCK..].chunks_mut(BLOCK);
+        for ((heights, greatest), start) in heights.zip(&mut self.greatest[blocks]).zip(starts) {
             if *greatest <= cut {
                 continue;
             }
-            let within = first.saturating_sub(start)..radii.len().min(last + 1 - start);
+            let within = first.saturating_sub(start)..heights.len().min(last + 1 - start);
             let from = start + within.start;
-            let flat = sweep.flat(Self::z(from), Self::z(start + within.end - 1));
-            for (point, radius) in (from..).zip(&mut radii[within]) {
-                if *radius <= cut {
+            let flat = flat(Self::z(from), Self::z(start + within.end - 1));
+            for (point, now) in (from..).zip(&mut heights[within]) {
+                if *now <= cut {
                     continue;
                 }
-                let left = flat.unwrap_or_else(|| sweep.height(Self::z(point)));
-                let off = *radius - left;
+                let swept = flat.unwrap_or_else(|| height(Self::z(point)));
+                let left = if swept > floor { swept } else { floor };
+                let off = *now - left;
                 if off > NOTHING {
-                    *radius = left;
+                    *now = left;
+                    if left == floor && has_wall {
+                        shaving.through = floor - extent.lowest;
+                    }
                     shaving.area += off * GRID;
                     shaving.thickest = if off > shaving.thickest { off } else { shaving.thickest };
                 }
             }
-            *greatest = radii.iter().fold(0.0, |most, radius| if *radius > most { *radius } else { most });
+            *greatest = heights.iter().fold(0.0, |most, height| if *height > most { *height } else { most });
         }
         shaving
     }
 
     /// The most that a straight way can take off at any point, in mm of radius: it may be less.
     pub(crate) fn thickest(&self, nose: &Nose, from: Place, to: Place) -> f64 {
-        let Some((first, last)) = self.reached(nose, from, to) else { return 0.0 };
+        let (from, to) = (self.own(from), self.own(to));
+        let extent = Extent { z: (from.z.min(to.z), from.z.max(to.z)), lowest: from.x.min(to.x) };
+        let Some((first, last)) = self.reached(nose, extent) else { return 0.0 };
         let greatest = self.greatest[first / BLOCK..=last / BLOCK].iter().copied().fold(0.0, f64::max);
-        (greatest - from.x.min(to.x)).max(0.0)
+        (greatest - extent.lowest).max(0.0)
     }
 
-    /// The first and the last point that the nose can reach on a straight way.
-    fn reached(&self, nose: &Nose, from: Place, to: Place) -> Option<(usize, usize)> {
-        let lowest = from.x.min(to.x);
-        if lowest >= self.stock {
+    /// The first and the last point that the nose can reach on a way.
+    fn reached(&self, nose: &Nose, Extent { z: (least, most), lowest }: Extent) -> Option<(usize, usize)> {
+        let stock = self.stock_height();
+        if lowest >= stock {
             return None;
         }
-        let (lead, trail) = nose.reach(self.stock - lowest);
-        let nearest = -(from.z.max(to.z) + trail) / GRID;
-        let furthest = -(from.z.min(to.z) - lead) / GRID;
-        if !(furthest >= 0.0 && nearest < self.radii.len() as f64) {
+        let (lead, trail) = nose.reach(stock - lowest);
+        let nearest = -(most + trail) / GRID;
+        let furthest = -(least - lead) / GRID;
+        if !(furthest >= 0.0 && nearest < self.heights.len() as f64) {
             return None;
         }
         let first = nearest.ceil().max(0.0) as usize;
         // A way's end that lies on a point, as written, must not miss it for the noise of floating point.
-        let last = ((furthest + 1e-6).floor() as usize).min(self.radii.len() - 1);
+        let last = ((furthest + 1e-6).floor() as usize).min(self.heights.len() - 1);
         (first <= last).then_some((first, last))
     }
 }
 
-/// The lowest that a nose comes on a straight way, not beyond the axis. The edge is convex, so that for each point of
+/// The ends of a way along the axis, and how low it comes.
+#[derive(Clone, Copy)]
+struct Extent {
+    z: (f64, f64),
+    lowest: f64,
+}
+
+/// The lowest that a nose comes on a straight way. The edge is convex, so that for each point of
 /// the axis one part of the way is the lowest.
 struct Sweep<'a> {
     nose: &'a Nose,
@@ -160,10 +302,10 @@ impl<'a> Sweep<'a> {
             far if far <= 0.0 => 0.0,
             far if far >= dz * dz => 1.0,
             // Along the bar, the arc's lowest point has gone past here.
-            _ if dx == 0.0 => return self.from.x.max(0.0),
+            _ if dx == 0.0 => return self.from.x,
             far => far / (dz * dz),
         };
-        (self.from.x + share * dx + self.nose.height(along - share * dz)).max(0.0)
+        self.from.x + share * dx + self.nose.height(along - share * dz)
     }
 
     /// The height everywhere between two points, if it is the same: along the bar, where the arc's lowest point has
@@ -174,7 +316,7 @@ impl<'a> Sweep<'a> {
             let far = (z - self.from.z - self.touch) * dz;
             far > 0.0 && far < dz * dz
         };
-        (dx == 0.0 && passed(one) && passed(other)).then_some(self.from.x.max(0.0))
+        (dx == 0.0 && passed(one) && passed(other)).then_some(self.from.x)
     }
 }
 
@@ -269,8 +411,8 @@ mod tests {
                 let before = bar.clone();
                 let shaving = bar.cut(&nose, from, to);
                 let less = |(after, before): (&f64, &f64)| after <= before && *after >= 0.0;
-                prop_assert!(bar.radii.iter().zip(&before.radii).all(less));
-                let lost: f64 = before.radii.iter().zip(&bar.radii).map(|(before, after)| before - after).sum();
+                prop_assert!(bar.heights.iter().zip(&before.heights).all(less));
+                let lost: f64 = before.heights.iter().zip(&bar.heights).map(|(before, after)| before - after).sum();
                 prop_assert!((lost * GRID - shaving.area).abs() < 1e-6);
             }
         }
@@ -303,7 +445,7 @@ mod tests {
                 back.cut(&nose, *to, *from);
             }
             // An upright edge's very end may fall on a point from one side only.
-            let apart = forth.radii.iter().zip(&back.radii).filter(|(a, b)| (**a - **b).abs() > 1e-6).count();
+            let apart = forth.heights.iter().zip(&back.heights).filter(|(a, b)| (**a - **b).abs() > 1e-6).count();
             prop_assert!(apart <= ways.len(), "{apart}");
         }
 
@@ -316,7 +458,7 @@ mod tests {
                 parts.cut(&nose, from, part);
                 parts.cut(&nose, part, to);
             }
-            prop_assert!(whole.radii.iter().zip(&parts.radii).all(|(a, b)| (a - b).abs() < 1e-6));
+            prop_assert!(whole.heights.iter().zip(&parts.heights).all(|(a, b)| (a - b).abs() < 1e-6));
         }
     }
 }

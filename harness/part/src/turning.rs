@@ -1,6 +1,6 @@
 //! Turning: the tool goes its way, and what should not happen on it is noted.
 
-use crate::{Nose, Place, Profile};
+use crate::{Nose, Place, Profile, Shaving};
 
 /// Less is no cut, in mm of radius: it is how well the place of the tool is known.
 const TOUCH: f64 = 0.001;
@@ -20,11 +20,13 @@ pub enum Event {
     Chuck,
     /// The cut is deeper than is allowed.
     Deep,
+    /// The tool cuts through to the surface on the other side.
+    Wall,
 }
 
 impl Event {
     /// Every one.
-    pub const ALL: [Self; 4] = [Self::Stopped, Self::Rapid, Self::Chuck, Self::Deep];
+    pub const ALL: [Self; 5] = [Self::Stopped, Self::Rapid, Self::Chuck, Self::Deep, Self::Wall];
 
     /// Its name in files.
     pub const fn name(self) -> &'static str {
@@ -33,6 +35,7 @@ impl Event {
             Self::Rapid => "rapid",
             Self::Chuck => "chuck",
             Self::Deep => "deep",
+            Self::Wall => "wall",
         }
     }
 
@@ -43,6 +46,7 @@ impl Event {
             Self::Rapid => "rapid into the stock",
             Self::Chuck => "past the chuck",
             Self::Deep => "too deep a cut",
+            Self::Wall => "through the wall",
         }
     }
 
@@ -53,6 +57,7 @@ impl Event {
             Self::Rapid => "mm/s",
             Self::Chuck => "mm beyond its jaws",
             Self::Deep => "mm deep",
+            Self::Wall => "mm beyond it",
         }
     }
 }
@@ -162,8 +167,8 @@ impl Turning {
         }
         self.catch_up();
         let from = self.place;
-        let shaving = self.profile.cut(&self.nose, from, to);
         (self.at, self.place) = (at, to);
+        let shaving = self.cut(from, to);
         if shaving.thickest > TOUCH {
             if self.rpm == 0.0 {
                 self.note(Event::Stopped, shaving.thickest);
@@ -183,12 +188,20 @@ impl Turning {
         let Some(began) = self.began.take() else { return };
         let from = self.shallow;
         if from != began {
-            self.profile.cut(&self.nose, began, from);
+            self.cut(began, from);
         }
         if from != self.place {
-            let shaving = self.profile.cut(&self.nose, from, self.place);
+            let shaving = self.cut(from, self.place);
             self.watch_depth(shaving.area, from);
         }
+    }
+
+    fn cut(&mut self, from: Place, to: Place) -> Shaving {
+        let shaving = self.profile.cut(&self.nose, from, to);
+        if shaving.through > TOUCH {
+            self.note(Event::Wall, shaving.through);
+        }
+        shaving
     }
 
     /// Whether no part of a way of [`MEAN_OVER`] or more can be too deep a cut: a convex nose takes off no more area

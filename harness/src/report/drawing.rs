@@ -6,7 +6,7 @@
 
 use std::fmt::{Display, Write};
 
-use torno_part::{Place, Profile, deviations, outline};
+use torno_part::{Place, Profile, Side, deviations, outline};
 use torno_plot::escaped;
 
 use super::{Measure, PartSummary};
@@ -133,17 +133,31 @@ impl Drawing<'_> {
 
     fn draw_fills(&self, sheet: &mut Sheet) {
         let (got, asked) = (self.turned.profile.radii(), self.asked.radii());
-        let both: Vec<f64> = got.iter().zip(asked).map(|(got, asked)| got.min(*asked)).collect();
-        for (class, radii) in [("thin", asked), ("thick", got), ("paper", &both)] {
+        let both: Vec<f64> = got.iter().zip(&*asked).map(|(got, asked)| got.min(*asked)).collect();
+        // A bore that is too wide is cut too deep, and it is seen only where the part is cut open.
+        let (thin, thick, sides) = match self.part.side {
+            Side::Outside => (&asked, &got, &[1.0, -1.0][..]),
+            Side::Inside => (&got, &asked, &[-1.0][..]),
+        };
+        for (class, radii) in [("thin", &**thin), ("thick", &**thick), ("paper", &both)] {
             let corners = Self::corners(radii, sheet);
-            sheet.fill(class, &corners, &[1.0, -1.0]);
+            sheet.fill(class, &corners, &[], sides);
         }
-        let mut corners = Self::corners(got, sheet);
-        corners.extend(
-            [-self.part.out, -self.part.out - self.in_chuck(sheet) / sheet.scale]
-                .map(|z| Place { z, x: self.part.diameter / 2.0 }),
-        );
-        sheet.fill("hatched", &corners, &[-1.0]);
+        let end = -self.part.out - self.in_chuck(sheet) / sheet.scale;
+        let [mut outer, mut inner] = self.surfaces(&self.turned.profile, sheet);
+        outer.extend([-self.part.out, end].map(|z| Place { z, x: self.part.diameter / 2.0 }));
+        if self.part.bore > 0.0 {
+            inner.push(Place { z: end, x: self.part.bore / 2.0 });
+        }
+        sheet.fill("hatched", &outer, &inner, &[-1.0]);
+    }
+
+    /// The outside and the bore, from the face on; nothing without a bore.
+    fn surfaces(&self, profile: &Profile, sheet: &Sheet) -> [Vec<Place>; 2] {
+        let turned = Self::corners(&profile.radii(), sheet);
+        let x = profile.other();
+        let other = if x > 0.0 { [0.0, -self.part.out].map(|z| Place { z, x }).to_vec() } else { Vec::new() };
+        if self.part.side == Side::Outside { [turned, other] } else { [other, turned] }
     }
 
     /// How much of the bar is drawn inside the chuck, on paper.
@@ -161,6 +175,10 @@ impl Drawing<'_> {
             sheet.line("got", (jaws, AXIS + sign * radius), (jaws - rest, AXIS + sign * radius));
         }
         let end = jaws - rest;
+        if self.part.bore > 0.0 {
+            let wall = sheet.y(-self.part.bore / 2.0);
+            sheet.line("got", (jaws, wall), (end, wall));
+        }
         if (length - out) * sheet.scale > rest {
             sheet.broken_off(end, radius);
         } else {
@@ -171,16 +189,18 @@ impl Drawing<'_> {
 
     fn draw_outlines(&self, sheet: &mut Sheet) {
         let out = self.part.out;
-        let stock = [Place { z: 0.0, x: self.part.diameter / 2.0 }, Place { z: -out, x: self.part.diameter / 2.0 }];
-        let got = Self::corners(self.turned.profile.radii(), sheet);
-        let asked = Self::corners(self.asked.radii(), sheet);
-        for sign in [1.0, -1.0] {
-            sheet.outline("stock", &stock, sign);
-            sheet.outline("got", &got, sign);
-            sheet.outline("asked", &asked, sign);
+        let shown = [("stock", &self.part.bar()), ("got", &self.turned.profile), ("asked", self.asked)];
+        for (sign, (class, profile)) in [1.0, -1.0].into_iter().flat_map(|sign| shown.map(|shown| (sign, shown))) {
+            let [outer, inner] = self.surfaces(profile, sheet);
+            sheet.outline(class, &outer, sign);
+            if sign < 0.0 && !inner.is_empty() {
+                let points: Vec<(f64, f64)> = inner.iter().map(|it| (sheet.x(it.z), sheet.y(-it.x))).collect();
+                sheet.polyline(class, &points);
+            }
         }
         // Seen from outside, a shoulder is an edge across the half that is not cut open.
-        for pair in self.summary.cylinders.windows(2) {
+        let outside = if self.part.side == Side::Outside { &self.summary.cylinders[..] } else { &[] };
+        for pair in outside.windows(2) {
             let (z, radius) = (pair[0].to_mm, pair[0].diameter_mm.max(pair[1].diameter_mm) / 2.0);
             sheet.line("edge", (sheet.x(z), AXIS), (sheet.x(z), sheet.y(radius)));
         }
@@ -221,7 +241,10 @@ impl Drawing<'_> {
             .collect();
         lengths.sort_by(|a, b| b.0.total_cmp(&a.0));
         lengths.push((-self.part.out, self.part.diameter / 2.0, format!("{} out of the chuck", self.part.out)));
-        let face = self.turned.profile.radii()[0];
+        let face = match self.part.side {
+            Side::Outside => self.turned.profile.radii()[0],
+            Side::Inside => self.part.diameter / 2.0,
+        };
         let last = y + DIMENSION * (lengths.len() - 1) as f64 + 1.5;
         sheet.line("dimension", (sheet.face, sheet.y(-face) + 0.8), (sheet.face, last));
         for (z, radius, text) in lengths {
@@ -237,12 +260,15 @@ impl Drawing<'_> {
             return;
         }
         let radius = self.turned.profile.diameter(worst.z_mm).unwrap_or_default() / 2.0;
-        let tip = (sheet.x(worst.z_mm), sheet.y(radius));
+        // A bore is seen where the part is cut open.
+        let above = if self.part.side == Side::Outside { radius } else { -radius };
+        let tip = (sheet.x(worst.z_mm), sheet.y(above));
         let top = sheet.y(self.part.diameter / 2.0) - 7.0;
         sheet.line("leader", (tip.0, top + 1.0), tip);
         sheet.arrow("wrong", tip, (0.0, 1.0));
         let text = format!("worst: {:+.2} mm of diameter at z = {:.2}", worst.diameter_mm, worst.z_mm);
-        sheet.text("worst halo", (tip.0, top), "middle", &text);
+        let anchor = if self.part.side == Side::Outside { "middle" } else { "end" };
+        sheet.text("worst halo", (tip.0, top), anchor, &text);
     }
 
     /// How much thicker than asked, along the bar.
@@ -268,8 +294,12 @@ impl Drawing<'_> {
         let points: Vec<(f64, f64)> =
             outline(&off, range / half * 0.05).into_iter().map(|Place { z, x }| (sheet.x(z), y(x))).collect();
         sheet.polyline("edge", &points);
-        let title = "thicker (+) or thinner (−) than asked, in mm of diameter, along the bar";
-        sheet.text("small", (left, middle - half - 1.5), "start", title);
+        let how = match self.part.side {
+            Side::Outside => "thicker (+) or thinner (−)",
+            Side::Inside => "narrower (+) or wider (−)",
+        };
+        let title = format!("{how} than asked, in mm of diameter, along the bar");
+        sheet.text("small", (left, middle - half - 1.5), "start", &title);
     }
 
     fn draw_legend(&self, sheet: &mut Sheet) {
@@ -328,7 +358,8 @@ impl Drawing<'_> {
         sheet.text("small grey", (left + width - 3.0, top + 6.8), "end", "torno");
         let part = self.part;
         let nose = format!("R{}", part.nose.radius_mm());
-        let bar = format!("Ø{} × {}", part.diameter, part.length);
+        let bore = if part.bore > 0.0 { format!(", bore Ø{}", part.bore) } else { String::new() };
+        let bar = format!("Ø{} × {}{bore}", part.diameter, part.length);
         let cells = [
             ("program", self.program.to_owned()),
             ("rig", self.rig.to_owned()),
@@ -424,15 +455,16 @@ impl Sheet {
         ));
     }
 
-    /// What lies between the axis and a profile, on these sides of it.
-    fn fill(&mut self, class: &str, corners: &[Place], sides: &[f64]) {
-        let (Some(first), Some(last)) = (corners.first(), corners.last()) else { return };
+    /// What lies between an inner outline, or the axis, and an outer one, on these sides of it.
+    fn fill(&mut self, class: &str, outer: &[Place], inner: &[Place], sides: &[f64]) {
+        let (Some(first), Some(last)) = (outer.first(), outer.last()) else { return };
+        let axis = [first, last].map(|end| Place { z: end.z, x: 0.0 });
+        let inner = if inner.is_empty() { &axis } else { inner };
         for side in sides {
-            let mut path = format!("M{:.2} {AXIS}", self.x(first.z));
-            for Place { z, x } in corners {
-                let _ = write!(path, "L{:.2} {:.2}", self.x(*z), self.y(side * x));
-            }
-            self.put(format_args!("<path class=\"{class}\" d=\"{path}L{:.2} {AXIS}Z\"/>", self.x(last.z)));
+            let around = outer.iter().chain(inner.iter().rev());
+            let points: Vec<String> =
+                around.map(|it| format!("{:.2} {:.2}", self.x(it.z), self.y(side * it.x))).collect();
+            self.put(format_args!("<path class=\"{class}\" d=\"M{}Z\"/>", points.join("L")));
         }
     }
 

@@ -4,7 +4,7 @@ use std::fmt;
 
 use anstyle::{AnsiColor, Style};
 use serde::Serialize;
-use torno_part::{Cylinder, Deviation, GRID, Happening, Profile, SHOULDER, cylinders, deviation, is_within};
+use torno_part::{Cylinder, Deviation, GRID, Happening, Profile, SHOULDER, Side, cylinders, deviation, is_within};
 
 use torno_machines::workpiece::Part;
 use torno_machines::workpiece::Turned;
@@ -14,6 +14,8 @@ use torno_machines::workpiece::Turned;
 pub struct PartSummary {
     /// Shoulders are found within so many mm; diameters on a cylinder are exact.
     pub grid_mm: f64,
+    /// The surface that is turned: `outside` or `inside`.
+    pub side: &'static str,
     /// The cylinders that it has, from the face on.
     pub cylinders: Vec<Measure>,
     /// The cylinders that the program asked for.
@@ -54,16 +56,19 @@ pub struct Measure {
 /// The worst deviation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Worst {
-    /// How much thicker than asked, in mm of diameter.
+    /// How much more is left than asked, in mm of diameter.
     pub diameter_mm: f64,
     /// Where.
     pub z_mm: f64,
+    /// Of which surface.
+    #[serde(skip)]
+    pub side: Side,
 }
 
 /// Something that should not have happened.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct EventSummary {
-    /// Its name: `stopped`, `rapid`, `chuck`, `deep`.
+    /// Its name: `stopped`, `rapid`, `chuck`, `deep`, `wall`.
     pub event: &'static str,
     /// When it began, in virtual seconds.
     pub from_s: f64,
@@ -73,7 +78,7 @@ pub struct EventSummary {
     pub z_mm: f64,
     /// The same, from the middle of the bar.
     pub x_mm: f64,
-    /// The most of it: off the radius, feed, beyond the jaws, depth of the cut.
+    /// The most of it: off the radius, feed, beyond the jaws, depth of the cut, beyond the wall.
     pub worst: f64,
     /// What it is, for people.
     #[serde(skip)]
@@ -134,9 +139,10 @@ impl PartSummary {
         let worst = deviation(&turned.profile, asked);
         Self {
             grid_mm: GRID,
+            side: part.side.name(),
             cylinders: measures(&turned.profile),
             asked: measures(asked),
-            worst: Worst { diameter_mm: mm(worst.diameter), z_mm: mm(worst.z) },
+            worst: Worst { diameter_mm: mm(worst.diameter), z_mm: mm(worst.z), side: worst.side },
             required: tolerance
                 .map(|tolerance_mm| Required { tolerance_mm, met: is_within(worst.diameter, tolerance_mm) }),
             events: turned.happenings.iter().map(EventSummary::from).collect(),
@@ -166,7 +172,8 @@ impl PartSummary {
 
     pub(super) fn write(&self, text: &mut fmt::Formatter<'_>, problem: Style) -> fmt::Result {
         let [turned, asked] = [&self.cylinders, &self.asked].map(|measures| sizes(measures, "x"));
-        writeln!(text, "{:<9}turned {turned} (diameter x length, from the face)", "part")?;
+        let done = if self.worst.side == Side::Inside { "bored " } else { "turned" };
+        writeln!(text, "{:<9}{done} {turned} (diameter x length, from the face)", "part")?;
         writeln!(text, "{:<9}asked  {asked}", "")?;
         let style = match self.required {
             _ if self.is_off() => problem,
@@ -190,6 +197,6 @@ impl PartSummary {
 
 impl fmt::Display for Worst {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        Deviation { diameter: self.diameter_mm, z: self.z_mm }.fmt(f)
+        Deviation { diameter: self.diameter_mm, z: self.z_mm, side: self.side }.fmt(f)
     }
 }

@@ -2,6 +2,7 @@
 
 use torno_engine::Fact;
 use torno_machines::workpiece::{ToolPath, Turned};
+use torno_protocol::lathe::Program;
 use torno_protocol::time::Instant;
 
 use super::file::RigFile;
@@ -37,11 +38,27 @@ fn complaints_say_where_and_what_was_expected() {
         ("\"speed_rpm\"", "\"speed_rpn\"", "there is no quantity of 'spindle' 'speed_rpn': did you mean 'speed_rpm'?"),
         ("[\"speed_rpm\"]", "[]", "expected quantities of 'spindle', found none"),
         ("rpm_per_count = 1", "rpm_per_count = 0", "rpm_per_count = 0: expected what one count is worth"),
+        (
+            "out_mm = 60",
+            "bore_mm = 28\nout_mm = 60",
+            "bore_mm = 28: expected more than 0, and less than diameter_mm, 28",
+        ),
+        ("out_mm = 60", "bore_mm = -1\nout_mm = 60", "bore_mm = -1: expected more than 0"),
+        ("out_mm = 60", "bore_mm = nan\nout_mm = 60", "bore_mm = NaN: expected more than 0"),
+        ("trail_deg = 32", "trail_deg = 32, cuts = \"inside\"", "cuts = \"inside\": expected bore_mm"),
+        ("trail_deg = 32", "trail_deg = 32, cuts = \"outwards\"", "unknown variant `outwards`"),
     ] {
         let line = LATHE[..LATHE.find(from).unwrap()].matches('\n').count() + from.matches('\n').count() + 1;
         let found = with(from, to);
         assert!(found.starts_with(&format!("my.toml:{line}:")) && found.contains(expected), "{found}\n{expected}");
     }
+}
+
+/// The lathe with a boring bar, two slots clear of a bore of 10 mm.
+fn boring() -> String {
+    let text = LATHE.replacen("out_mm = 60", "bore_mm = 10\nout_mm = 60", 1);
+    let text = text.replacen("trail_deg = 32 }", "trail_deg = 32, cuts = \"inside\" }", 1);
+    text.replacen("start_mm = 0.35555555555556", "start_mm = -0.35555555555556", 1)
 }
 
 const TRANSVERSE: usize = 2;
@@ -87,6 +104,21 @@ fn a_slide_stands_where_it_has_coasted_to() {
     let slot = 160.0 / 900.0;
     let gone = 1.5 * (1.72 - 0.05) + 0.075;
     assert!((turned.profile.diameter(-1.0).unwrap() - (28.0 - 2.0 * (gone - 2.0) * slot)).abs() < 1e-5);
+}
+
+#[test]
+fn a_boring_bar_turns_the_bore() {
+    let part = RigFile::parse("my.toml", &boring()).unwrap().part.unwrap();
+    let slot = 160.0 / 900.0;
+    assert!((part.place(0, 0).x - (5.0 - 2.0 * slot)).abs() < 1e-9);
+    let mut path = ToolPath::new(&part);
+    // Outwards, five slots: just over the edge of the last.
+    [told(DEPTH, 1_000, 0, 5), told(TRANSVERSE, 3_000, 0, -9_000)].iter().for_each(|fact| path.add(fact));
+    let turned = path.cut();
+    assert!((turned.profile.diameter(-1.0).unwrap() - (10.0 + 2.0 * 2.5 * slot)).abs() < 1e-9);
+    assert_eq!(turned.profile.diameter(-20.02), Some(10.0));
+    let program = Program::parse("4B 00 00 00 00 00 05 00\n4B 46 23 28 01 00 00 00").unwrap();
+    assert!((part.asked(&program).diameter(-1.0).unwrap() - (10.0 + 2.0 * 3.0 * slot)).abs() < 1e-9);
 }
 
 #[test]

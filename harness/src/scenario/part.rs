@@ -25,7 +25,7 @@ pub struct PartExpected {
     pub never: Vec<Event>,
 }
 
-/// A diameter of a part at a place.
+/// A diameter of a part at a place: of its bore, if the tool cuts that.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Diameter {
     /// Where: in mm from the face, which is 0; below 0 towards the chuck.
@@ -116,6 +116,9 @@ fn event(name: &Spanned<String>, part: &Part) -> Result<Event, Complaint> {
     })?;
     if event == Event::Deep && part.limits.depth.is_none() {
         return Err((name.span(), "on this rig no cut is too deep: expected deepest_mm in its [part]".to_owned()));
+    }
+    if event == Event::Wall && part.bore == 0.0 {
+        return Err((name.span(), "on this rig no wall is cut through: expected bore_mm in its [part]".to_owned()));
     }
     Ok(event)
 }

@@ -235,7 +235,7 @@ pub fn reply(reply: &str) -> Clause {
     Clause::new("reply", reply)
 }
 
-/// An event of the part, which a scenario can forbid: `stopped`, `rapid`, `chuck`, `deep`.
+/// An event of the part, which a scenario can forbid: `stopped`, `rapid`, `chuck`, `deep`, `wall`.
 pub fn part(event: &str) -> Clause {
     Clause::new("part", event)
 }

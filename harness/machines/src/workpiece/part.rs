@@ -2,7 +2,7 @@
 
 use serde::Deserialize;
 use toml::Spanned;
-use torno_part::{Limits, Nose, Place, Profile, Resolution};
+use torno_part::{Limits, Move, Nose, Path, Place, Profile, Resolution, Side};
 use torno_protocol::board::Role;
 use torno_protocol::lathe::Program;
 
@@ -22,13 +22,17 @@ pub struct Part {
     pub length: f64,
     /// How far the bar stands out of the chuck, in mm: 1 to its length.
     pub out: f64,
+    /// The diameter of the bore all through the bar, in mm; 0 without one.
+    pub bore: f64,
+    /// The surface that the tool cuts.
+    pub side: Side,
     /// The tool's nose.
     pub nose: Nose,
     /// What is allowed.
     pub limits: Limits,
     /// The axis along the bar: from the bar's face, away from the chuck.
     pub z: Axis,
-    /// The axis across it: from the bar's surface, away from its middle.
+    /// The axis across it: from the surface that the tool cuts, away from the bar's middle.
     pub x: Axis,
     /// The spindle's speed, in rpm.
     pub spindle: Source,
@@ -72,6 +76,7 @@ pub struct RawPart {
     diameter_mm: Spanned<f64>,
     length_mm: Spanned<f64>,
     out_mm: Spanned<f64>,
+    bore_mm: Option<Spanned<f64>>,
     nose: Spanned<RawNose>,
     rapid_mm_per_s: Spanned<f64>,
     deepest_mm: Option<Spanned<f64>>,
@@ -87,6 +92,17 @@ struct RawNose {
     radius_mm: f64,
     lead_deg: f64,
     trail_deg: f64,
+    #[serde(default)]
+    cuts: Cuts,
+}
+
+/// The surface that a nose cuts, as a file says it.
+#[derive(Clone, Copy, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Cuts {
+    #[default]
+    Outside,
+    Inside,
 }
 
 #[derive(Deserialize)]
@@ -170,13 +186,29 @@ impl RawPart {
         let (node, signals) = quantities(&self.spindle.board, &self.spindle.quantities)?;
         let spindle = Source { node, signals, per_count: worth("rpm_per_count", &self.spindle.rpm_per_count)? };
         let length = within("length_mm", &self.length_mm, 1.0, 2_000.0)?;
-        let RawNose { radius_mm, lead_deg, trail_deg } = *self.nose.get_ref();
+        let RawNose { radius_mm, lead_deg, trail_deg, cuts } = *self.nose.get_ref();
+        let diameter = within("diameter_mm", &self.diameter_mm, 1.0, 1_000.0)?;
+        let bore = self.bore_mm.as_ref().map_or(Ok(0.0), |bore| {
+            let found = *bore.get_ref();
+            let message = || format!("bore_mm = {found}: expected more than 0, and less than diameter_mm, {diameter}");
+            if found > 0.0 && found < diameter { Ok(found) } else { Err((bore.span(), message())) }
+        })?;
+        let side = match cuts {
+            Cuts::Outside => Side::Outside,
+            Cuts::Inside if bore > 0.0 => Side::Inside,
+            Cuts::Inside => {
+                let message = "cuts = \"inside\": expected bore_mm, the diameter of the bore that it cuts, in [part]";
+                return Err((self.nose.span(), message.to_owned()));
+            }
+        };
         let depth = self.deepest_mm.as_ref().map(|depth| within("deepest_mm", depth, 0.001, 1_000.0)).transpose()?;
         let chuck = self.chuck_mm.as_ref().map(|chuck| within("chuck_mm", chuck, 1.0, 2_000.0)).transpose()?;
         Ok(Part {
-            diameter: within("diameter_mm", &self.diameter_mm, 1.0, 1_000.0)?,
+            diameter,
             length,
             out: within("out_mm", &self.out_mm, 1.0, length)?,
+            bore,
+            side,
             nose: Nose::new(radius_mm, lead_deg, trail_deg).map_err(|message| (self.nose.span(), message))?,
             limits: Limits {
                 feed: within("rapid_mm_per_s", &self.rapid_mm_per_s, 0.001, 1_000.0)?,
@@ -193,7 +225,7 @@ impl RawPart {
 impl Part {
     /// The bar as it stands out of the chuck, uncut.
     pub fn bar(&self) -> Profile {
-        Profile::bar(self.diameter, self.out)
+        Profile::tube(self.side, self.diameter, self.bore, self.out)
     }
 
     /// Where the tool is when the axes have gone so many counts from the start, and stand in the middle of the last.
@@ -205,8 +237,23 @@ impl Part {
     pub fn between(&self, z: f64, x: f64) -> Place {
         Place {
             z: self.z.start + self.z.way.per_count * z,
-            x: self.diameter / 2.0 + self.x.start + self.x.way.per_count * x,
+            x: self.surface() / 2.0 + self.x.start + self.x.way.per_count * x,
         }
+    }
+
+    /// The diameter of the surface that the tool cuts, uncut, in mm.
+    pub const fn surface(&self) -> f64 {
+        match self.side {
+            Side::Outside => self.diameter,
+            Side::Inside => self.bore,
+        }
+    }
+
+    /// The contour that a way of the tool asks for, exactly.
+    pub fn contour(&self, path: &Path) -> Profile {
+        let mut profile = self.bar();
+        profile.sweep(&self.nose, path);
+        profile
     }
 
     /// What a count is worth.
@@ -216,13 +263,7 @@ impl Part {
 
     /// The part that a program asks for: the tool goes straight from where each frame begins to where it asks it to be.
     pub fn asked(&self, program: &Program) -> Profile {
-        let mut profile = self.bar();
-        let mut from = self.place(0, 0);
-        for destination in program.destinations() {
-            let to = self.place(destination.transverse, destination.depth);
-            profile.cut(&self.nose, from, to);
-            from = to;
-        }
-        profile
+        let places = program.destinations().into_iter().map(|to| self.place(to.transverse, to.depth));
+        self.contour(&Path { start: self.place(0, 0), moves: places.map(Move::Line).collect() })
     }
 }
