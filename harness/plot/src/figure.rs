@@ -13,6 +13,11 @@ use crate::colours::Colours;
 const WIDTH: u32 = 960;
 /// The height of a panel of height 1, in px.
 const HEIGHT: f64 = 420.0;
+/// What a panel has around its axes, in px: above, at the right, below and at the left; and what their numbers take.
+const MARGINS: [u32; 4] = [12, 24, 12, 12];
+const NUMBERS: (u32, u32) = (72, 44);
+/// The most that a panel to scale is high.
+const HIGHEST: f64 = 6.0;
 /// The height of the title, in px.
 const TITLE: u32 = 44;
 /// Where a panel's axis is, in px.
@@ -50,7 +55,7 @@ pub struct Series {
     pub name: String,
     /// How it is drawn.
     pub style: Style,
-    /// The points, in order. Those that are not finite are left out.
+    /// The points, in order. Lines have a gap where one is no number.
     pub points: Vec<(f64, f64)>,
 }
 
@@ -61,10 +66,18 @@ pub enum Style {
     Dots,
     /// As a line.
     Line,
+    /// As a thin grey line: what the others are seen against.
+    Thin,
     /// As a dashed line.
     Dashed,
     /// Each value is held up to the next point.
     Steps,
+}
+
+impl Style {
+    fn stroke(self, colour: RGBColor) -> ShapeStyle {
+        colour.stroke_width(if self == Self::Thin { 1 } else { 2 })
+    }
 }
 
 impl Series {
@@ -80,6 +93,13 @@ impl Series {
             both.dedup_by(|next, kept| next.1 == kept.1 && next.0 == kept.0);
             points = both;
         }
+        Self { name: name.into(), style, points }
+    }
+
+    /// Lines that are not joined.
+    pub fn pieces(name: impl Into<String>, style: Style, pieces: Vec<Vec<(f64, f64)>>) -> Self {
+        let pieces = pieces.into_iter().map(|piece| Self::new("", style, piece).points);
+        let points = pieces.flat_map(|piece| piece.into_iter().chain([(f64::NAN, f64::NAN)])).collect();
         Self { name: name.into(), style, points }
     }
 }
@@ -163,17 +183,35 @@ impl Figure {
 }
 
 impl Panel {
+    /// The same, so high that a unit is as long upwards as along.
+    #[must_use]
+    pub fn to_scale(self) -> Self {
+        let [x, y] = self.ranges();
+        let [above, right, below, left] = MARGINS;
+        let along = f64::from(WIDTH - left - right - NUMBERS.0);
+        let upwards = along * (y.1 - y.0) / (x.1 - x.0);
+        let legend = self.legend_places().last().map_or(0, |place| place.1);
+        let high = upwards + f64::from(above + below + NUMBERS.1) + f64::from(legend);
+        Self { height: ((high + 0.5) / HEIGHT).min(HIGHEST), ..self }
+    }
+
+    /// From where to where its axes go.
+    fn ranges(&self) -> [(f64, f64); 2] {
+        let all = || self.series.iter().flat_map(|series| &series.points).filter(|(x, _)| !x.is_nan());
+        [range(all().map(|(x, _)| *x), 0.0), range(all().map(|(_, y)| *y), 0.06)]
+    }
+
     fn draw<B: DrawingBackend>(&self, area: &Area<B>, colours: &Colours) -> Result<(), PlotError> {
-        let all = || self.series.iter().flat_map(|series| &series.points);
-        let x = range(all().map(|(x, _)| *x), 0.0);
-        let y = range(all().map(|(_, y)| *y), 0.06);
+        let [x, y] = self.ranges();
         let area = &self.legend(area, colours)?;
         let label = ("sans-serif", 14).into_font().color(&colours.text);
         let mut chart = ChartBuilder::on(area)
-            .margin(12)
-            .margin_right(24)
-            .x_label_area_size(44)
-            .y_label_area_size(72)
+            .margin_top(MARGINS[0])
+            .margin_right(MARGINS[1])
+            .margin_bottom(MARGINS[2])
+            .margin_left(MARGINS[3])
+            .x_label_area_size(NUMBERS.1)
+            .y_label_area_size(NUMBERS.0)
             .build_cartesian_2d(Axis(x), Axis(y))
             .map_err(PlotError::of)?;
         chart
@@ -192,16 +230,20 @@ impl Panel {
             .draw()
             .map_err(PlotError::of)?;
         for (series, colour) in self.series.iter().zip(self.colours(colours)) {
-            let points = series.points.iter().copied();
-            let line = colour.stroke_width(2);
-            match series.style {
-                Style::Dots => {
-                    chart.draw_series(points.map(|point| Circle::new(point, 2, colour.mix(0.7).filled()))).map(|_| ())
+            let line = series.style.stroke(colour);
+            for points in series.points.split(|(x, _)| x.is_nan()) {
+                let points = points.iter().copied();
+                match series.style {
+                    Style::Dots => chart
+                        .draw_series(points.map(|point| Circle::new(point, 2, colour.mix(0.7).filled())))
+                        .map(|_| ()),
+                    Style::Line | Style::Thin | Style::Steps => {
+                        chart.draw_series(LineSeries::new(points, line)).map(|_| ())
+                    }
+                    Style::Dashed => chart.draw_series(DashedLineSeries::new(points, 7, 5, line)).map(|_| ()),
                 }
-                Style::Line | Style::Steps => chart.draw_series(LineSeries::new(points, line)).map(|_| ()),
-                Style::Dashed => chart.draw_series(DashedLineSeries::new(points, 7, 5, line)).map(|_| ()),
+                .map_err(PlotError::of)?;
             }
-            .map_err(PlotError::of)?;
         }
         Ok(())
     }
@@ -210,15 +252,33 @@ impl Panel {
     fn colours(&self, colours: &Colours) -> impl Iterator<Item = RGBColor> {
         let (data, mut lines) = (colours.data, colours.lines.into_iter().cycle());
         self.series.iter().map(move |series| match series.style {
-            Style::Dots => data,
+            Style::Dots | Style::Thin => data,
             _ => lines.next().unwrap_or(data),
         })
     }
 
     /// Draws the legend at the top, where it covers nothing, if there is more than one series; gives what is left.
     fn legend<B: DrawingBackend>(&self, area: &Area<B>, colours: &Colours) -> Result<Area<B>, PlotError> {
+        let places = self.legend_places();
+        let Some((_, lowest)) = places.last().copied() else { return Ok(area.clone()) };
+        for ((series, colour), (x, y)) in self.series.iter().zip(self.colours(colours)).zip(places) {
+            let (line, ends) = (series.style.stroke(colour), vec![(x, y), (x + 24, y)]);
+            match series.style {
+                Style::Dots => area.draw(&Circle::new((x + 12, y), 3, colour.filled())),
+                Style::Line | Style::Thin | Style::Steps => area.draw(&PathElement::new(ends, line)),
+                Style::Dashed => area.draw(&plotters::element::DashedPathElement::new(ends, 7, 5, line)),
+            }
+            .map_err(PlotError::of)?;
+            let words = ("sans-serif", 14).into_font().color(&colours.text);
+            area.draw(&Text::new(series.name.clone(), (x + 32, y - 7), words)).map_err(PlotError::of)?;
+        }
+        Ok(area.split_vertically(lowest).1)
+    }
+
+    /// Where each series stands in the legend, in as many rows as they need; nowhere, if there is only one.
+    fn legend_places(&self) -> Vec<(i32, i32)> {
         if self.series.len() < 2 {
-            return Ok(area.clone());
+            return Vec::new();
         }
         let (mut x, mut rows) = (LEFT, 1);
         let place = |series: &Series| {
@@ -230,19 +290,7 @@ impl Panel {
             x += width;
             at
         };
-        let places: Vec<(i32, i32)> = self.series.iter().map(place).collect();
-        for ((series, colour), (x, y)) in self.series.iter().zip(self.colours(colours)).zip(places) {
-            let (line, ends) = (colour.stroke_width(2), vec![(x, y), (x + 24, y)]);
-            match series.style {
-                Style::Dots => area.draw(&Circle::new((x + 12, y), 3, colour.filled())),
-                Style::Line | Style::Steps => area.draw(&PathElement::new(ends, line)),
-                Style::Dashed => area.draw(&plotters::element::DashedPathElement::new(ends, 7, 5, line)),
-            }
-            .map_err(PlotError::of)?;
-            let words = ("sans-serif", 14).into_font().color(&colours.text);
-            area.draw(&Text::new(series.name.clone(), (x + 32, y - 7), words)).map_err(PlotError::of)?;
-        }
-        Ok(area.split_vertically(rows * LEGEND.1).1)
+        self.series.iter().map(place).collect()
     }
 }
 
@@ -272,6 +320,30 @@ mod tests {
         let legend = texts[3] + 7.0;
         let drawn = above.filter(|y| *y > f64::from(TITLE) + 45.0).fold(f64::MAX, f64::min);
         assert!(drawn > legend, "{drawn} {legend}");
+    }
+
+    /// The points of a picture's lines, in px.
+    fn lines(svg: &str) -> Vec<Vec<(f64, f64)>> {
+        let point = |text: &str| text.split_once(',').map(|(x, y)| (x.parse().unwrap(), y.parse().unwrap())).unwrap();
+        let lines = svg.split("points=\"").skip(1).map(|rest| rest.split('"').next().unwrap().trim());
+        lines.map(|line| line.split(' ').map(point).collect()).collect()
+    }
+
+    #[test]
+    fn a_panel_to_scale_is_so_and_pieces_are_not_joined() {
+        for (width, count) in [(60.0, 1), (25.0, 9)] {
+            // A square, and a line as long as it is wide, far from it.
+            let square = vec![(0.0, 3.0), (10.0, 3.0), (10.0, 13.0), (0.0, 13.0)];
+            let pieces = vec![square, vec![(width - 1.0, 7.0), (width, 7.0)]];
+            let series = Series::pieces("a name in the legend", Style::Line, pieces);
+            let panel = Panel { x: String::new(), y: String::new(), height: 1.0, series: vec![series; count] };
+            let drawn = lines(&svg(&Figure { title: String::new(), panels: vec![panel.to_scale()] }));
+            let square = drawn.iter().find(|line| line.len() == 4).unwrap();
+            let (along, upwards) = (square[1].0 - square[0].0, square[1].1 - square[2].1);
+            assert!((along - upwards).abs() <= 2.0 && along > 100.0, "{along} {upwards}");
+            let shorter = drawn.iter().any(|line| line.len() == 2 && line[1].0 - line[0].0 < along / 9.0);
+            assert!(shorter, "{drawn:?}");
+        }
     }
 
     #[test]
