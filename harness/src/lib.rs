@@ -32,3 +32,4 @@ pub mod socket;
 pub mod speed;
 pub mod sweep;
 pub mod text_file;
+pub mod toolpath;

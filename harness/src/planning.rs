@@ -2,7 +2,7 @@
 
 use torno_machines::axes;
 use torno_machines::workpiece::{Part, Source};
-use torno_part::Place;
+use torno_part::{Place, Side as Surface};
 use torno_planner::{Scale, Settings, Side, Stock};
 use torno_protocol::lathe::Program;
 
@@ -75,7 +75,7 @@ pub fn settings(file: &RigFile, start: Option<Place>, side: Side) -> Result<Sett
         scale: Scale { feed, infeed },
         start: start.unwrap_or(here),
         side,
-        bore: false,
+        bore: file.part.as_ref().is_some_and(|part| part.side == Surface::Inside),
         stock,
         optimise: false,
         frames_max: Settings::FRAMES_MAX,

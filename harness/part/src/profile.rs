@@ -164,6 +164,11 @@ impl Profile {
         height.map(|height| 2.0 * self.mirrored(*height))
     }
 
+    /// Whether a straight way lies where there never was anything to cut.
+    pub fn is_clear(&self, from: Place, to: Place) -> bool {
+        self.own(from).x.min(self.own(to).x) >= self.stock_height()
+    }
+
     /// Takes off what the nose sweeps on a whole way.
     pub fn sweep(&mut self, nose: &Nose, path: &Path) {
         let mut from = path.start;

@@ -38,7 +38,7 @@ impl Stock {
 
     /// Where a straight way would cut first, and how much at most.
     pub(crate) fn meets(&self, from: Place, to: Place) -> Option<Met> {
-        if from.x.min(to.x) * 2.0 >= self.profile.stock() {
+        if self.profile.is_clear(from, to) {
             return None;
         }
         let at = |share: f64| between(from, to, share);

@@ -67,6 +67,9 @@ pub(super) struct Arguments {
     /// Draws the part that was turned (.svg): bar, asked and got, to scale
     #[arg(long, value_name = "FILE", value_parser = drawing)]
     part: Option<PathBuf>,
+    /// Writes the profile of the part that was turned, beside the one that was asked for (CSV: z and radii in mm)
+    #[arg(long, value_name = "FILE")]
+    profile: Option<PathBuf>,
     /// Writes a page to look at: motion, the bus, the part, the figures (HTML, one file)
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
@@ -86,7 +89,10 @@ pub(super) struct Arguments {
 
 impl Arguments {
     pub(super) async fn run(self, started: Instant) -> anyhow::Result<ExitCode> {
-        [&self.vcd, &self.part, &self.report].into_iter().flatten().for_each(|path| OutputFile::empty(path));
+        [&self.vcd, &self.part, &self.profile, &self.report]
+            .into_iter()
+            .flatten()
+            .for_each(|path| OutputFile::empty(path));
         let (rig, program) = rig_and_program(self.rig.clone(), self.program.clone());
         let file = load_rig(&rig, &self.set)?;
         let span = rig_span(&file);
@@ -102,7 +108,11 @@ impl Arguments {
     ) -> anyhow::Result<ExitCode> {
         super::plays_frames(&file)?;
         let Loaded { name: program_name, program, asked } = load_program(program.as_deref(), &file)?;
-        let of_part = [("--part", self.part.is_some()), ("--tolerance", self.tolerance.is_some())];
+        let of_part = [
+            ("--part", self.part.is_some()),
+            ("--profile", self.profile.is_some()),
+            ("--tolerance", self.tolerance.is_some()),
+        ];
         if let Some((option, _)) = of_part.iter().find(|(_, given)| *given && file.part.is_none()) {
             anyhow::bail!("{option}: the rig '{}' turns no part: expected a [part] in its file", file.name);
         }
@@ -114,9 +124,10 @@ impl Arguments {
         if !drawn.is_empty() {
             say(&format!("seed {}\n", seed_text(seed, &drawn)));
         }
-        let [vcd, drawing, report] =
-            [&self.vcd, &self.part, &self.report].map(|path| path.as_ref().map(OutputFile::create));
-        let (vcd, drawing, report) = (vcd.transpose()?, drawing.transpose()?, report.transpose()?);
+        let [vcd, drawing, profile, report] =
+            [&self.vcd, &self.part, &self.profile, &self.report].map(|path| path.as_ref().map(OutputFile::create));
+        let (vcd, drawing) = (vcd.transpose()?, drawing.transpose()?);
+        let (profile, report) = (profile.transpose()?, report.transpose()?);
         let asked = file.part.as_ref().map(|part| (part.clone(), asked.unwrap_or_else(|| part.asked(&program))));
         let header = file.header(&rig, seed, Some(&program_name));
         let keep = (report.is_some() || self.pins).then(|| header.clone());
@@ -152,6 +163,9 @@ impl Arguments {
         if let (Some(file), Some(cut)) = (drawing, &cut) {
             file.write(cut.draw(&rig, &program_name))?;
         }
+        if let (Some(file), Some(cut)) = (profile, &cut) {
+            file.write(cut.csv())?;
+        }
         let as_required = cut.as_ref().is_none_or(|cut| cut.summary.is_as_required());
         let code = match played.ended {
             Ended::Interrupted => ExitCode::from(INTERRUPTED),
@@ -163,7 +177,7 @@ impl Arguments {
         if let (Some(file), Some(trace)) = (report, trace) {
             file.write(Page { trace: &trace, summary: Some(&summary), cut: cut.as_ref() }.html())?;
         }
-        print_beside(&[&self.vcd, &self.part, &self.report], &written(self.json, &summary)?)?;
+        print_beside(&[&self.vcd, &self.part, &self.profile, &self.report], &written(self.json, &summary)?)?;
         Ok(code)
     }
 }

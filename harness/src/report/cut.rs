@@ -1,6 +1,6 @@
 //! The part that came of a run, beside the one that was asked for.
 
-use torno_part::Profile;
+use torno_part::{Profile, Side};
 use torno_protocol::board::Stimulus;
 use torno_protocol::lathe::Program;
 
@@ -43,6 +43,26 @@ impl Cut {
         let mut path = ToolPath::new(&part);
         trace.facts.iter().for_each(|fact| path.add(fact));
         Some(Self::new(part, asked, path.cut(), None))
+    }
+
+    /// Its profile beside the one that was asked for, point by point from the face on: CSV.
+    pub fn csv(&self) -> String {
+        let [got, asked] = [&self.turned.profile, &self.asked].map(Profile::radii);
+        let both = |got: f64, asked: f64| format!(",{got:.4},{asked:.4}");
+        let bar = self.part.diameter / 2.0;
+        let has_bore = self.part.bore > 0.0;
+        let head = if has_bore { ",bore_radius_mm,bore_radius_asked_mm" } else { "" };
+        let mut text = format!("z_mm,radius_mm,radius_asked_mm{head}\n");
+        for (point, (got, asked)) in got.iter().zip(&*asked).enumerate() {
+            let turned = both(*got, *asked);
+            let (outside, bore) = match self.part.side {
+                Side::Outside if has_bore => (turned, both(self.part.bore / 2.0, self.part.bore / 2.0)),
+                Side::Outside => (turned, String::new()),
+                Side::Inside => (both(bar, bar), turned),
+            };
+            text += &format!("{:.2}{outside}{bore}\n", Profile::z(point));
+        }
+        text
     }
 
     /// The drawing of it, as the text of an SVG file.

@@ -1,6 +1,7 @@
 //! `torno gcode`
 
 pub(super) mod plan;
+mod plot;
 mod reading;
 
 use std::io::{self, BufWriter, Write};
@@ -28,6 +29,8 @@ enum Command {
     Canon(Canon),
     /// Plans a program for a lathe: frames that its master takes, how long they take, and what cannot be done.
     Plan(plan::Arguments),
+    /// Draws a program for a lathe: the path that it asks for, the frames' path, the part that comes of it.
+    Plot(plot::Arguments),
 }
 
 #[derive(Debug, clap::Args)]
@@ -59,6 +62,7 @@ impl Arguments {
             Command::Check(arguments) => arguments.run(),
             Command::Canon(arguments) => arguments.run(),
             Command::Plan(arguments) => arguments.run().await,
+            Command::Plot(arguments) => arguments.run().await,
         }
     }
 }
@@ -77,7 +81,7 @@ impl Check {
     fn run(self) -> anyhow::Result<ExitCode> {
         let reading = &self.reading;
         let outcome = if self.planning.rig.is_some() {
-            Plan::new(reading, &self.planning.rig()?, &self.planning)?.outcome
+            Plan::new(reading, &self.planning.rig()?, &self.planning, |_| {})?.outcome
         } else {
             reading.interpret(&reading.settings(), &mut reading.open()?, &mut |_| {})?
         };

@@ -12,7 +12,7 @@ use torno::play::{Ended, Play, Played};
 use torno::report::Bar;
 use torno::rig::Driver;
 use torno::rig::file::{DEFAULT, RigFile};
-use torno_gcode::{Finding, Outcome, Place, Settings, Severity};
+use torno_gcode::{Finding, Motion, Outcome, Place, Settings, Severity};
 use torno_part::Place as InPlane;
 use torno_planner::{Planned, Planner, Report, Side};
 use torno_protocol::lathe::Program;
@@ -98,7 +98,7 @@ pub(in crate::cli) fn is_gcode(path: &Path) -> bool {
 /// What is wrong with it, where it is refused.
 pub(in crate::cli) fn load(path: &Path, file: &RigFile) -> anyhow::Result<Plan> {
     let reading = Reading::of(path);
-    let plan = Plan::new(&reading, file, &Planning::default())?;
+    let plan = Plan::new(&reading, file, &Planning::default(), |_| {})?;
     let told = plan.told(&reading);
     if plan.is_refused() {
         anyhow::bail!("{}\n{told}{} is refused", "the G-code cannot be executed", reading.name());
@@ -112,27 +112,36 @@ impl Planning {
     pub(super) fn rig(&self) -> anyhow::Result<RigFile> {
         load_rig(self.rig.as_deref().unwrap_or(DEFAULT), &self.set)
     }
+
+    /// How a program is interpreted that calls the place where the tool is at the start so.
+    pub(super) fn settings(&self, reading: &Reading, start: InPlane) -> Settings {
+        let start = Place { x: start.x, z: start.z, ..Place::default() };
+        Settings { start, home: self.park.unwrap_or(start), ..reading.settings() }
+    }
 }
 
 impl Plan {
-    /// The plan of a program for a rig.
-    pub(super) fn new(reading: &Reading, file: &RigFile, planning: &Planning) -> anyhow::Result<Self> {
+    /// The plan of a program for a rig. Its motions are shown to `also`, too.
+    pub(super) fn new(
+        reading: &Reading,
+        file: &RigFile,
+        planning: &Planning,
+        mut also: impl FnMut(&Motion),
+    ) -> anyhow::Result<Self> {
         let side = if planning.side == SideChoice::Middle { Side::Middle } else { Side::Outside };
-        let park = planning.park;
+        let for_rig = planning::settings(file, reading.start(), side)?;
+        let settings = planning.settings(reading, for_rig.start);
         let optimise = planning.optimise;
-        let at = reading.at.map(|Place { x, z, .. }| InPlane { z, x });
-        let planning = planning::settings(file, at, side)?;
-        let start = Place { x: planning.start.x, z: planning.start.z, ..Place::default() };
-        let settings = Settings { start, home: park.unwrap_or(start), ..reading.settings() };
         let mut source = reading.open()?;
-        let mut plain = optimise.then(|| (Planner::new(planning.clone()), Vec::new()));
-        let mut planner = Planner::new(torno_planner::Settings { optimise, ..planning });
+        let mut plain = optimise.then(|| (Planner::new(for_rig.clone()), Vec::new()));
+        let mut planner = Planner::new(torno_planner::Settings { optimise, ..for_rig });
         let (mut frames, mut lines) = (Vec::new(), Vec::new());
         let mut take = |Planned { line, frame }| {
             frames.push(frame.emit());
             lines.push(line);
         };
         let mut outcome = reading.interpret(&settings, &mut source, &mut |motion| {
+            also(&motion);
             planner.take(&motion);
             core::iter::from_fn(|| planner.poll()).for_each(&mut take);
             if let Some((planner, frames)) = &mut plain {
@@ -157,12 +166,12 @@ impl Plan {
         Ok(Self { program: Program { frames }, lines, report, outcome, plain })
     }
 
-    fn is_refused(&self) -> bool {
+    pub(super) fn is_refused(&self) -> bool {
         self.outcome.is_refused()
     }
 
     /// What is wrong with it, or strange, a line each.
-    fn told(&self, reading: &Reading) -> String {
+    pub(super) fn told(&self, reading: &Reading) -> String {
         self.outcome.findings.iter().map(|finding| reading.told(finding)).collect()
     }
 
@@ -173,6 +182,8 @@ impl Plan {
 
     /// Plays it. None, if a signal came first.
     async fn play(&self, file: &RigFile, interrupt: &mut Interrupt) -> anyhow::Result<Option<Times>> {
+        // What becomes of the bar is of no interest.
+        let file = &RigFile { part: None, ..file.clone() };
         let Some(played) = play(file, &self.program, interrupt).await? else { return Ok(None) };
         let mut saved_s = None;
         if let Some(plain) = &self.plain {
@@ -292,7 +303,7 @@ impl Arguments {
     pub(super) async fn run(self) -> anyhow::Result<ExitCode> {
         let Self { reading, planning, output, json } = self;
         let file = planning.rig()?;
-        let plan = Plan::new(&reading, &file, &planning)?;
+        let plan = Plan::new(&reading, &file, &planning, |_| {})?;
         let name = reading.name();
         let mut times = None;
         if !plan.is_refused() {
@@ -325,11 +336,13 @@ impl Arguments {
 
 /// Plays frames in this process, as fast as can be: the time that they take depends on what the machine did before, so
 /// nothing less tells it. None, if a signal came first.
-async fn play(file: &RigFile, program: &Program, interrupt: &mut Interrupt) -> anyhow::Result<Option<Played>> {
-    // What becomes of the bar is of no interest.
-    let file = RigFile { part: None, ..file.clone() };
+pub(super) async fn play(
+    file: &RigFile,
+    program: &Program,
+    interrupt: &mut Interrupt,
+) -> anyhow::Result<Option<Played>> {
     let bar = Bar::of_frames(program.frames.len());
-    let play = Play::new(file, program.clone(), Driver::InProcess);
+    let play = Play::new(file.clone(), program.clone(), Driver::InProcess);
     let progress = |progress: torno::play::Progress<'_>| bar.update(progress.conversation.accepted, Some(progress.now));
     let played = play.record(None, progress, interrupt.received()).await?;
     bar.clear();
@@ -337,6 +350,11 @@ async fn play(file: &RigFile, program: &Program, interrupt: &mut Interrupt) -> a
 }
 
 impl Reading {
+    /// What the program calls the place where the tool is at the start, if that is said.
+    pub(super) fn start(&self) -> Option<InPlane> {
+        self.at.map(|Place { x, z, .. }| InPlane { z, x })
+    }
+
     /// A file, with no options.
     fn of(path: &Path) -> Self {
         Self {
