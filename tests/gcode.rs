@@ -7,7 +7,7 @@ use std::process::Stdio;
 
 use torno_gcode::Motion;
 
-use crate::common::{folder, json, output, torno};
+use crate::common::{boring, folder, json, output, torno};
 
 const PROGRAMS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../protocol/gcode/tests/programs");
 
@@ -100,4 +100,59 @@ fn what_is_no_program_is_refused() {
     }
     let (code, _, err) = out(&["gcode", "check", "/no/such/file"]);
     assert!(code == Some(2) && err.contains("cannot read the program '/no/such/file'"), "{err}");
+}
+
+// --- what is asked, and what comes of it ----------------------------------------------------------------------------
+
+/// A taper each way, and an arc of each quadrant.
+const SHAPES: &str = "G21 G18 G7 G90 G94\nG97 S1500 M3\nG0 X27 Z0.5\nG1 Z-40 F300\nG0 X28.4\nG0 Z0.5\nG0 X24\nG1 Z0\n\
+    G1 X26 Z-6\nG3 X26.6 Z-8 R4\nG1 Z-12\nG2 X25.4 Z-14 R4\nG1 X24.8 Z-18\nG3 X26 Z-21 R5\nG1 X27 Z-22\n\
+    G1 X28.4\nG0 Z0.5\nM2\n";
+
+/// A stepped bore with a taper and an arc.
+const BORE: &str = "G21 G18 G7 G90 G94\nG97 S1500 M3\nG0 X10.6 Z0.5\nG1 Z-20 F200\nG0 X9.6\nG0 Z0.5\nG0 X12\nG1 Z0\n\
+    G1 X11.4 Z-4\nG1 Z-8\nG3 X10.6 Z-10 R4\nG1 Z-20\nG1 X9.6\nG0 Z0.5\nM2\n";
+
+#[test]
+fn what_is_planned_is_turned_within_half_a_slot_of_what_is_asked() {
+    let folder = folder();
+    let bore = boring(folder.path());
+    for (rig, program, turned) in [("lathe", SHAPES, "outside"), (&bore, BORE, "inside")] {
+        let path = write(folder.path(), program);
+        let told = output(&["run", rig, &path, "--in-process", "--json", "--tolerance", "0.19"]);
+        let part = &json(&told)["part"];
+        assert_eq!(
+            (told.status.code(), &part["side"], &part["required"]["met"]),
+            (Some(0), &turned.into(), &true.into())
+        );
+        let worst = part["worst"]["diameter_mm"].as_f64().unwrap().abs();
+        assert!((0.1..0.19).contains(&worst), "{part}");
+    }
+}
+
+#[test]
+fn a_program_is_drawn_with_what_comes_of_it() {
+    let folder = folder();
+    let path = write(folder.path(), SHAPES);
+    let (code, svg, err) = out(&["gcode", "plot", &path]);
+    assert_eq!(code, Some(0), "{err}");
+    for word in ["stock", "frames", "turned", "wanted", "rapid", "feed", "arc", "z, mm", "x, mm (radius)"] {
+        assert!(svg.contains(&format!("\n{word}\n")), "{word}");
+    }
+    let (code, svg, _) = out(&["gcode", "plot", &path, "--asked"]);
+    assert!(code == Some(0) && svg.contains("\nwanted\n") && !svg.contains("\nframes\n"));
+    let png = folder.path().join("part.png");
+    let (code, text, _) = out(&["gcode", "plot", &path, "-o", png.to_str().unwrap()]);
+    assert_eq!((code, text.as_str()), (Some(0), ""));
+    assert!(fs::read(png).unwrap().starts_with(b"\x89PNG"));
+    // What cannot be planned is drawn as it is asked; what is not understood is not drawn.
+    let crash = write(folder.path(), "G21 G18 G7 G90 G94\nM3 S1500\nG0 X20 Z-5\nG1 Z-6 F60\nM2\n");
+    let (code, svg, err) = out(&["gcode", "plot", &crash]);
+    assert!(code == Some(2) && svg.contains("\nwanted\n") && !svg.contains("\nframes\n"), "{err}");
+    assert!(err.contains(":3:"), "{err}");
+    let wrong = write(folder.path(), "G21 G18\nG0 X[1/0]\nM2\n");
+    let (code, svg, err) = out(&["gcode", "plot", &wrong]);
+    assert!(code == Some(2) && svg.is_empty() && err.contains("division by zero"), "{err}");
+    let (code, _, err) = out(&["gcode", "plot", &path, "--rig", "servo"]);
+    assert!(code == Some(2) && err.contains("the rig 'servo' turns no part: expected a [part]"), "{err}");
 }

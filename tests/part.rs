@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use crate::common::{folder, json, output};
+use crate::common::{boring, folder, json, output};
 use serde_json::Value;
 use torno::rig::file::RigFile;
 use torno::scenario::prose::{Prose, board, part, reply, scenario};
@@ -199,6 +199,36 @@ fn the_drawing_is_to_scale_and_the_same_on_both_sides_of_the_axis() {
 }
 
 #[test]
+fn a_profile_is_written_beside_the_one_that_was_asked_for() {
+    let folder = folder();
+    let path = folder.path().join("profile.csv");
+    let read = |arguments: &[&str]| {
+        let told = output(&[&["run", "--in-process", "--profile", path.to_str().unwrap()], arguments].concat());
+        assert!(told.status.success(), "{}", String::from_utf8_lossy(&told.stderr));
+        fs::read_to_string(&path).unwrap()
+    };
+    let text = read(&[]);
+    let lines: Vec<&str> = text.lines().collect();
+    assert_eq!((lines.len(), lines[0], lines[1]), (6_002, "z_mm,radius_mm,radius_asked_mm", "0.00,11.2289,11.1556"));
+    assert_eq!((lines[2_001], lines[6_001]), ("-20.00,12.1476,12.2222", "-60.00,14.0000,14.0000"));
+    // A bar with a bore, turned on either side.
+    let frames = write(folder.path(), "in.frames", "4B 00 00 00 00 00 05 00\n4B 46 23 28 01 00 00 00\n");
+    let boring = boring(folder.path());
+    let text = read(&[&boring, &frames]);
+    let lines: Vec<&str> = text.lines().collect();
+    assert_eq!(lines[0], "z_mm,radius_mm,radius_asked_mm,bore_radius_mm,bore_radius_asked_mm");
+    assert_eq!(lines[501].split(',').collect::<Vec<_>>()[..3], ["-5.00", "14.0000", "14.0000"]);
+    assert!(lines[501].ends_with(",5.5333") && lines[2_501] == "-25.00,14.0000,14.0000,5.0000,5.0000", "{text}");
+    let tube = fs::read_to_string(&boring).unwrap().replace(", cuts = \"inside\"", "").replace("= -0.355", "= 0.355");
+    let text = read(&[&write(folder.path(), "tube.toml", &tube)]);
+    assert_eq!(text.lines().nth(1).unwrap(), "0.00,11.2289,11.1556,5.0000,5.0000");
+    // On standard output it stands alone.
+    let told = output(&["run", "--in-process", "--profile", "-"]);
+    assert!(String::from_utf8(told.stdout).unwrap().ends_with("\n-60.00,14.0000,14.0000\n"));
+    assert!(String::from_utf8(told.stderr).unwrap().contains("\npart     turned 22.46 x 12.00"));
+}
+
+#[test]
 fn names_with_marks_in_them_do_not_break_the_drawing() {
     let folder = folder();
     let program = write(folder.path(), "a<b&\"c\".frames", "4B 00 00 00 00 00 00 00\n");
@@ -353,14 +383,6 @@ fn a_scenario_expects_diameters_and_forbids_events() {
     assert!(failure.at < outcome.end);
 }
 
-/// The lathe with a boring bar in a bore of 10 mm, two slots clear of its wall.
-fn boring(folder: &Path) -> String {
-    let text = include_str!("../harness/builtin/lathe.toml");
-    let text = text.replacen("out_mm = 60", "bore_mm = 10\nout_mm = 60", 1);
-    let text = text.replacen("trail_deg = 32 }", "trail_deg = 32, cuts = \"inside\" }", 1);
-    write(folder, "boring.toml", &text.replacen("start_mm = 0.35555555555556", "start_mm = -0.35555555555556", 1))
-}
-
 #[test]
 fn a_bore_is_turned_told_drawn_and_checked() {
     let folder = folder();
@@ -385,7 +407,7 @@ fn a_bore_is_turned_told_drawn_and_checked() {
     let bored = never.fold(bored, |scenario, event| scenario.never(part(event)));
     bored.clone().diameter("-10 mm", "10.92 mm", "0.01 mm").diameter("-21 mm", "10 mm", "0 mm").must_pass();
     bored.clone().check(part("as asked").with("within", "0.15 mm")).must_pass();
-    assert_eq!(failures(&bored.diameter("-10 mm", "11.07 mm", "0.1 mm"))[0].1, "10.918 mm");
+    assert_eq!(failures(&bored.diameter("-10 mm", "11.07 mm", "0.1 mm"))[0].1, "10.920 mm");
 
     // A rapid into the wall, and through it.
     let crash = write(folder.path(), "crash.frames", &format!("{}\n{}\n", frames[0], frames[1].replace("46", "E1")));

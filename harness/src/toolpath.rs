@@ -3,7 +3,7 @@
 
 use torno_gcode::{Kind, Motion, Place as Position, Plane, Turn};
 use torno_machines::workpiece::Part;
-use torno_part::{Arc, Move, Path, Place, Profile, outline};
+use torno_part::{Arc, GRID, Move, Path, Place, Profile, outline};
 use torno_plot::{Figure, Panel, Series, Style};
 use torno_protocol::lathe::Program;
 
@@ -87,33 +87,51 @@ pub struct Picture<'a> {
 }
 
 impl Picture<'_> {
-    /// The picture: the axis of the bar across, the distance from it upwards, to scale.
+    /// The picture: the axis of the bar across, the distance from it upwards. Above all of it to scale, below what the
+    /// tool goes along, stretched.
     pub fn figure(&self) -> Figure {
-        let Self { title, asked, part, stairs, turned } = self;
-        let surface = |profile: &Profile| {
-            let mut corners = points(&outline(&profile.radii(), FINE));
-            // With the face, from the other surface on.
-            corners.insert(0, (0.0, profile.other()));
-            corners
+        let whole = self.panel("x, mm (radius)", None).to_scale();
+        let places = || self.asked.path.places(FINE).flatten().chain(self.stairs.iter().copied()).map(|place| place.z);
+        let ends = (places().fold(f64::INFINITY, f64::min), places().fold(f64::NEG_INFINITY, f64::max));
+        let near = self.panel("x, mm (radius), stretched", Some(ends));
+        Figure { title: self.title.to_owned(), panels: vec![whole, near] }
+    }
+
+    /// All of it, or what lies between two places along the axis.
+    fn panel(&self, x: &str, between: Option<(f64, f64)>) -> Panel {
+        let Self { asked, part, stairs, turned, .. } = self;
+        let surface = |profile: &Profile| match between {
+            None => {
+                let mut corners = points(&outline(&profile.radii(), FINE));
+                // With the face, from the other surface on.
+                corners.insert(0, (0.0, profile.other()));
+                corners
+            }
+            Some((least, most)) => {
+                let radii = profile.radii();
+                let point = |z: f64| ((-z / GRID).max(0.0) as usize).min(radii.len() - 1);
+                let (first, last) = (point(most), point(least));
+                let corners = outline(&radii[first..=last], FINE);
+                corners.into_iter().map(|corner| (corner.z + Profile::z(first), corner.x)).collect()
+            }
         };
-        let tube = |diameter: f64| vec![(0.0, diameter / 2.0), (-part.out, diameter / 2.0)];
         let mut stock = vec![surface(&part.bar())];
-        if part.bore > 0.0 {
+        if between.is_none() && part.bore > 0.0 {
+            let tube = |diameter: f64| vec![(0.0, diameter / 2.0), (-part.out, diameter / 2.0)];
             stock.extend([part.bore, part.diameter].map(tube));
         }
         let series = [
             ("stock", Style::Thin, stock),
+            ("frames", Style::Line, if stairs.is_empty() { Vec::new() } else { vec![points(stairs)] }),
             ("turned", Style::Line, turned.map(surface).into_iter().collect()),
             ("wanted", Style::Line, vec![surface(&part.contour(&asked.path))]),
             ("rapid", Style::Dashed, asked.pieces(Way::Rapid)),
             ("feed", Style::Line, asked.pieces(Way::Feed)),
             ("arc", Style::Line, asked.pieces(Way::Arc)),
-            ("frames", Style::Line, if stairs.is_empty() { Vec::new() } else { vec![points(stairs)] }),
         ];
         let series = series.into_iter().filter(|(_, _, pieces)| !pieces.is_empty());
         let series = series.map(|(name, style, pieces)| Series::pieces(name, style, pieces)).collect();
-        let panel = Panel { x: "z, mm".to_owned(), y: "x, mm (radius)".to_owned(), height: 1.0, series };
-        Figure { title: (*title).to_owned(), panels: vec![panel.to_scale()] }
+        Panel { x: "z, mm".to_owned(), y: x.to_owned(), height: 1.0, series }
     }
 }
 
@@ -164,7 +182,10 @@ mod tests {
         assert_eq!(names(&bare), ["stock", "wanted", "rapid", "feed", "arc"]);
         let turned = part.asked(&program);
         let whole = Picture { stairs: &stairs, turned: Some(&turned), ..bare };
-        assert_eq!(names(&whole), ["stock", "turned", "wanted", "rapid", "feed", "arc", "frames"]);
+        assert_eq!(names(&whole), ["stock", "frames", "turned", "wanted", "rapid", "feed", "arc"]);
+        // Below, nothing is drawn of what the tool does not come to.
+        let near = &whole.figure().panels[1].series;
+        assert!(near.iter().all(|series| series.points.iter().all(|(z, _)| z.is_nan() || *z >= -20.0)), "{near:?}");
     }
 
     #[test]

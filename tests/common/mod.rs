@@ -86,6 +86,16 @@ pub(crate) fn rig_of(masters: usize) -> String {
     text
 }
 
+/// The lathe with a boring bar in a bore of 10 mm, two slots clear of its wall: a file of a folder.
+pub(crate) fn boring(folder: &Path) -> String {
+    let text = include_str!("../../harness/builtin/lathe.toml");
+    let text = text.replacen("out_mm = 60", "bore_mm = 10\nout_mm = 60", 1);
+    let text = text.replacen("trail_deg = 32 }", "trail_deg = 32, cuts = \"inside\" }", 1);
+    let path = folder.join("boring.toml");
+    std::fs::write(&path, text.replacen("start_mm = 0.35555555555556", "start_mm = -0.35555555555556", 1)).unwrap();
+    path.to_str().unwrap().to_owned()
+}
+
 /// A folder of the test's own.
 pub(crate) fn folder() -> tempfile::TempDir {
     tempfile::tempdir().unwrap()

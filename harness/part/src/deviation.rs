@@ -41,8 +41,8 @@ impl fmt::Display for Deviation {
     }
 }
 
-/// How much more is left of a part than of another, point by point, in mm of diameter; both come of the same bar. What is
-/// within [`SHOULDER`] is right.
+/// How much more is left of a part than of another, point by point, in mm of diameter; both come of the same bar.
+/// What is within [`SHOULDER`] is right.
 pub fn deviations(got: &Profile, asked: &Profile) -> Vec<f64> {
     let near = (SHOULDER / GRID).round() as usize;
     let heights = asked.heights();

@@ -22,6 +22,6 @@ pub use cylinders::{Cylinder, cylinders};
 pub use deviation::{Deviation, SHOULDER, deviation, deviations, is_within};
 pub use nose::Nose;
 pub use outline::outline;
-pub use path::{Arc, Move, Path};
-pub use profile::{GRID, Place, Profile, Shaving, Side};
+pub use path::{Arc, Move, Path, Place};
+pub use profile::{GRID, Profile, Shaving, Side};
 pub use turning::{Event, Happening, Limits, Resolution, Turning};

@@ -2,10 +2,19 @@
 
 use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
-use crate::{Nose, Place};
+use crate::Nose;
 
 /// An angle that is beyond the end of an arc by no more than this is on it: the noise of floating point.
 const NOISE: f64 = 1e-12;
+
+/// Where the tool's tip is, in mm.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Place {
+    /// Along the axis.
+    pub z: f64,
+    /// From the axis.
+    pub x: f64,
+}
 
 /// A way of the tool's tip.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use crate::path::ArcSweep;
-use crate::{Arc, Move, Nose, Path};
+use crate::{Arc, Move, Nose, Path, Place};
 
 /// The points are so far apart along the axis, in mm. At each the radius is that which straight moves leave, with no
 /// error but that of floating point; where a shoulder stands is known within this.
@@ -14,15 +14,6 @@ const BLOCK: usize = 32;
 
 /// Less than this is not cut, in mm: the noise of floating point.
 const NOTHING: f64 = 1e-9;
-
-/// Where the tool's tip is, in mm.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Place {
-    /// Along the axis.
-    pub z: f64,
-    /// From the axis.
-    pub x: f64,
-}
 
 /// The surface that a nose cuts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
