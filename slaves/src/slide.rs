@@ -12,9 +12,9 @@ const SLOWEST_CLOCK: f64 = 1.25;
 
 /// The place of the infeed's slide between two edges of its encoder.
 ///
-/// A count is a slot, and the slide stops just past an edge: further than a count says, by the law of the motor. This
-/// is that law once more, told what the board tells of its drive and of its count. While nothing is broken it is where
-/// the board's own slide is. A count that contradicts it puts it there: at an edge that the slide has come over, or into its slot.
+/// A count is a slot, and the slide stops just past an edge. Where, the law of the motor says. This is that law once
+/// more, told what the board tells of its drive and of its count. While nothing is broken it is where the board's own
+/// slide is. A count that contradicts it puts it there: at an edge that the slide has come over, or into its slot.
 #[derive(Clone, Debug)]
 pub struct Slide {
     motor: PositionMotor,

@@ -205,6 +205,10 @@ fn a_tool_that_comes_through_the_wall_is_told_of() {
         assert!(found[0].0 == Event::Wall.name() && found.iter().all(|it| it.1 <= 0.5 + 1e-9), "{found:?}");
         assert!(found.iter().any(|it| it.1 > 0.5 - 1e-9), "{found:?}");
     }
+    // A slanting edge cuts the rim of the bar; the tip is beyond the wall, and beside the bar.
+    let slanting = Nose::new(0.4, 45.0, 32.0).unwrap();
+    let shaving = tube(Side::Outside).cut(&slanting, place(1.0, 16.0), place(1.0, 4.5));
+    assert!(shaving.area > 1.0 && shaving.through == 0.0, "{shaving:?}");
     // Without a bore there is no other side: a face is cut to the axis and beyond.
     assert_eq!(events(Profile::bar(28.0, 60.0), place(0.0, 15.0), &[place(0.0, -0.4)]), []);
 }
