@@ -161,7 +161,8 @@ fn shorter_retracts_save_time_and_turn_the_same_part() {
     let saved = time(&whole, "virtual_s") - time(&short, "virtual_s");
     assert!((time(&plan, "saved_s") - saved).abs() < 1e-6 && saved > 15.0, "{plan}");
     let diameter = |summary: &Value| time(&summary["part"]["cylinders"][0], "diameter_mm");
-    assert!((diameter(&whole) - diameter(&short)).abs() < 1e-9);
+    // Between two polls of its board the slide goes 2.7 µm, before that sees an edge.
+    assert!((diameter(&whole) - diameter(&short)).abs() < 0.006, "{whole} {short}");
     assert_eq!(short["part"]["events"], whole["part"]["events"]);
 }
 
