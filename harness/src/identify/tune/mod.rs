@@ -1,0 +1,133 @@
+//! From a motor that is known to a controller for it: proposed, foretold, and shown on the rig.
+
+mod error;
+mod figure;
+mod forecast;
+mod rig;
+mod text;
+
+use serde::Serialize;
+use torno_identify::{Finding, FirstOrder, response};
+use torno_machines::motor::Law;
+
+use super::bench::Subject;
+use super::report::Identification;
+use crate::rig::file::RigFile;
+pub use error::TuneError;
+use forecast::present_loop;
+pub use forecast::{Controller, Forecast, Indices};
+pub use rig::Seen;
+use rig::{SPEED, smooth, watch, watched, with_settings, working_form};
+
+/// Where a board's settings have the form of its law.
+const FORM: &str = "controller.form";
+
+/// A controller that is proposed, and everything about it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Tuning {
+    /// The motor.
+    pub motor: Identification,
+    /// `lead` or `pid`.
+    pub law: &'static str,
+    /// The form of the law that is to be set, where the board has another.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub form: Option<(String, &'static str)>,
+    /// What is to be set, and where, if there is a rig.
+    pub settings: Vec<(String, f64)>,
+    /// What it will do.
+    pub forecast: Forecast,
+    /// What the rig's own controller does.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub present: Option<Forecast>,
+    /// What is wrong with it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub present_finding: Option<String>,
+    /// On the rig, as foretold: the main motor from rest to 2000 rpm, the drive within its limits.
+    pub foretold: Option<Indices>,
+    /// On the rig, with what is proposed.
+    pub shown: Option<Seen>,
+    /// On the rig, as it is.
+    pub shown_present: Option<Seen>,
+    #[serde(skip)]
+    controller: Controller,
+    #[serde(skip)]
+    foretold_path: Vec<(f64, f64)>,
+}
+
+impl Tuning {
+    /// Proposes a controller with this phase margin, in degrees; with a rig, shows it there.
+    ///
+    /// # Errors
+    /// [`TuneError`] if there is none.
+    pub async fn of(
+        motor: Identification,
+        on_rig: Option<&(RigFile, Subject)>,
+        margin: f64,
+    ) -> Result<Self, TuneError> {
+        let (model, period) = (motor.result.model(), motor.period_s);
+        if let Some((_, Subject { board, motor, .. })) = on_rig
+            && motor.law == Law::OnOff
+        {
+            return Err(TuneError::OnOff { board: board.clone() });
+        }
+        if model.gain < 0.0 {
+            return Err(Finding::Backwards { gain: model.gain }.into());
+        }
+        let controller = Controller::design(motor.axis, &model, period, margin)?;
+        let forecast = Forecast::of(&controller, &model, period)?;
+        let (law, names) = match controller {
+            Controller::Lead(_) => ("lead", ["alpha", "beta", "k"]),
+            Controller::Pid(_) => ("pid", ["k1", "k2", "k3"]),
+        };
+        let names = match on_rig.map(|(_, subject)| subject.motor.law) {
+            Some(Law::Lead(settings) | Law::Pid(settings)) => settings.map(|(name, _)| name),
+            _ => names,
+        };
+        let form = on_rig.filter(|(_, subject)| subject.motor.printed.is_some());
+        let form = form.map(|(_, subject)| (subject.setting(FORM), working_form(&controller)));
+        let placed = |name: &str| on_rig.map_or_else(|| name.to_owned(), |(_, subject)| subject.setting(name));
+        let settings: Vec<(String, f64)> = names.map(placed).into_iter().zip(controller.values()).collect();
+        let mut tuning = Self {
+            motor,
+            law,
+            form,
+            settings,
+            forecast,
+            present: None,
+            present_finding: None,
+            foretold: None,
+            shown: None,
+            shown_present: None,
+            controller,
+            foretold_path: Vec::new(),
+        };
+        if let Some((file, subject)) = on_rig {
+            tuning.show(file, subject, &model).await?;
+        }
+        Ok(tuning)
+    }
+
+    async fn show(&mut self, file: &RigFile, subject: &Subject, model: &FirstOrder) -> Result<(), TuneError> {
+        match present_loop(&subject.motor, model, self.motor.period_s) {
+            Some(open) => match Forecast::of_loop(&open, model) {
+                Ok(forecast) => self.present = Some(forecast),
+                Err(finding) => self.present_finding = Some(finding.to_string()),
+            },
+            None => self.present_finding = Some("there is no loop: the set point is the drive".to_owned()),
+        }
+        if let Controller::Lead(lead) = self.controller {
+            let wanted = f64::from(SPEED) * 20.0 * core::f64::consts::TAU / 60.0;
+            let windows = (watched(model) as f64 / self.motor.period_s) as usize;
+            let path = lead.simulate(model, self.motor.period_s, [0.0, wanted], subject.motor.full.0, windows);
+            let path =
+                smooth(&path.into_iter().map(|(t, y)| (t, 60.0 * y / core::f64::consts::TAU)).collect::<Vec<_>>());
+            self.foretold = response::of_step(&path, 0.0, f64::from(SPEED) * 20.0).map(Indices::from);
+            self.foretold_path = path;
+        }
+        let tuned = with_settings(file, subject, self.form.as_ref(), &self.settings)?;
+        let seconds = watched(model);
+        self.shown = Some(watch(&tuned, subject, seconds).await?);
+        self.shown_present = Some(watch(file, subject, seconds).await?);
+        Ok(())
+    }
+}
