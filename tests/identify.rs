@@ -285,6 +285,72 @@ fn gains_that_make_the_loop_unstable_are_found_to_do_so() {
     assert!(complaint(&["tune", "spindle", "--phase-margin", "5"]).contains("expected 10 to 90"));
 }
 
+/// P, PI, PD and PID: stable or not as the board itself shows, and with the step that it shows.
+#[test]
+fn a_forecast_with_any_part_missing_is_what_the_board_does() {
+    for (k2, k3, stable, wild) in
+        [(0.0, 0.0, 0.5, 30.0), (0.02, 0.0, 0.3, 30.0), (0.0, 0.27, 1.5, 30.0), (0.5, 0.27, 1.5, 30.0)]
+    {
+        for k1 in [stable, wild] {
+            let gains = [("k1", k1), ("k2", k2), ("k3", k3), ("k2_standing", k2), ("breakaway", 0.0)];
+            let set = gains.map(|(name, value)| format!("transverse.controller.{name}={value}"));
+            let set =
+                set.iter().flat_map(|set| ["--set", set]).chain(["--set", "transverse.controller.dead_band_counts=0"]);
+            let found = json(&output(&["tune", "transverse", "--json"].into_iter().chain(set).collect::<Vec<_>>()));
+            let seen = &found["shown_present"];
+            if k1 == wild {
+                assert!(found["present_finding"].as_str().unwrap().contains("the loop is unstable"), "{found}");
+                assert!(seen["in_position_s"].is_null() && seen["verdict"] == "busy", "{seen}");
+                continue;
+            }
+            let (foretold, step) = (&found["present"]["small_step"], &seen["small_step"]["response"]);
+            near(&step["rise_s"], foretold["rise_s"].as_f64().unwrap(), 6.0);
+            // A count is a few per cent of the step.
+            let [over, expected] = [step, foretold].map(|of| of["overshoot_percent"].as_f64().unwrap());
+            assert!((over - expected).abs() < 6.0, "{k1} {k2} {k3}: {over}, foretold {expected}");
+        }
+    }
+}
+
+#[test]
+fn the_structures_of_a_controller_are_compared() {
+    let folder = folder();
+    let path = folder.path().join("compared.svg");
+    let found =
+        json(&output(&["tune", "transverse", "--compare", "p,PI,pd,pid", "--json", "-o", path.to_str().unwrap()]));
+    let all = found["controllers"].as_array().unwrap();
+    let names: Vec<&str> = all.iter().map(|one| one["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["P", "PI", "PD", "PID", "as it is"]);
+    for one in &all[..4] {
+        near(&one["forecast"]["phase_margin_deg"], 60.0, 0.5);
+    }
+    let after = |one: &Value, of: &str| (one[of]["steady_error_counts"].as_f64().unwrap(), one[of]["verdict"].clone());
+    // Friction stops what does not integrate; the PID of Eq 14 needs longer than the board's rules.
+    assert!(after(&all[0], "with_friction").0 > 100.0 && after(&all[2], "with_friction").0 > 5.0);
+    assert_eq!(after(&all[2], "with_friction").1["failed"], "CAN t s");
+    for one in &all[3..] {
+        let (error, verdict) = after(one, "with_friction");
+        assert!(error.abs() <= 1.0 && verdict == "done", "{one}");
+    }
+    let needs = |one: &Value| one["with_friction"]["in_position_s"].as_f64().unwrap();
+    assert!(needs(&all[4]) < 0.5 * needs(&all[3]));
+    let svg = fs::read_to_string(&path).unwrap();
+    assert!(["small step, foretold", "5 % friction", "as it is"].iter().all(|words| svg.contains(words)));
+    assert!(complaint(&["tune", "spindle", "--compare", "p,pid"]).contains("--compare is for an axis"));
+    assert!(complaint(&["tune", "transverse", "--compare", "p,q"]).contains("expected p, pi, pd or pid"));
+}
+
+/// The paper's reason for the compensator: the motor alone rises in 2.2·τ.
+#[test]
+fn the_open_loop_stands_beside_the_closed_one() {
+    let found = json(&output(&["tune", "spindle", "--json"]));
+    near(&found["open_loop"]["rise_s"], 6.152, 0.5);
+    near(&found["open_loop"]["settling_s"], 10.95, 0.5);
+    near(&found["shown_open"]["step"]["rise_s"], 6.15, 2.0);
+    let damping = found["forecast"]["damping"].as_f64().unwrap();
+    assert!((0.7..0.9).contains(&damping), "{damping}");
+}
+
 #[test]
 fn friction_is_found_and_what_lacks_it_is_doubted() {
     let set = |place: &str, board: &str| json(&output(&["identify", board, "--set", place, "--json"]));

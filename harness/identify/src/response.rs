@@ -2,12 +2,16 @@
 
 use core::f64::consts::PI;
 
+use nalgebra::Complex;
+
 use crate::Finding;
 use crate::discrete::Discrete;
 use crate::polynomial::modulus;
 
 /// A pole this near to 1, or beyond, never settles.
 const STABLE: f64 = 1.0 - 1e-9;
+/// A response has settled within this share of the step.
+const SETTLED: f64 = 0.02;
 /// Frequencies looked at, from the lowest to half the sampling frequency.
 const GRID: usize = 4_000;
 
@@ -48,6 +52,11 @@ impl Margins {
 /// Says what is to be said of times since a step and outputs, for a step from `from` to `to`. A response is between its
 /// samples on a straight line. None if it does not get there, or does not stay.
 pub fn of_step(points: &[(f64, f64)], from: f64, to: f64) -> Option<StepResponse> {
+    of_step_within(points, [from, to], SETTLED)
+}
+
+/// The same, settled within this share of the step: of what is counted, a count may be more than 2 %.
+pub fn of_step_within(points: &[(f64, f64)], [from, to]: [f64; 2], settled: f64) -> Option<StepResponse> {
     let share = |y: f64| (y - from) / (to - from);
     let reaches = |level: f64| {
         let place = points.iter().position(|(_, y)| share(*y) >= level)?;
@@ -56,7 +65,7 @@ pub fn of_step(points: &[(f64, f64)], from: f64, to: f64) -> Option<StepResponse
         Some(t0 + (t1 - t0) * (level - share(y0)) / (share(y1) - share(y0)))
     };
     let rise = reaches(0.9)? - reaches(0.1)?;
-    let out = points.iter().rposition(|(_, y)| (share(*y) - 1.0).abs() > 0.02);
+    let out = points.iter().rposition(|(_, y)| (share(*y) - 1.0).abs() > settled);
     let settling = points.get(out.map_or(0, |place| place + 1))?.0;
     let peak = points.iter().map(|(_, y)| share(*y)).fold(f64::MIN, f64::max);
     Some(StepResponse { rise, settling, overshoot: (peak - 1.0).max(0.0) })
@@ -69,6 +78,18 @@ pub fn of_step(points: &[(f64, f64)], from: f64, to: f64) -> Option<StepResponse
 pub fn check_stable(open: &Discrete) -> Result<(), Finding> {
     let largest = open.closed_poles().first().map_or(0.0, |pole| modulus(*pole));
     if largest.is_finite() && largest < STABLE { Ok(()) } else { Err(Finding::Unstable { pole: largest }) }
+}
+
+/// The least damping of a loop that is closed with unity feedback: of each pole in z that of ln(z)/T in s. 1 if no pole
+/// oscillates.
+pub fn damping(open: &Discrete) -> f64 {
+    let of = |pole: &Complex<f64>| {
+        let (decay, angle) = (-libm::log(modulus(*pole)), libm::atan2(pole.im, pole.re));
+        decay / libm::hypot(decay, angle)
+    };
+    let poles = open.closed_poles();
+    // A pole at 0 is a delay.
+    poles.iter().filter(|pole| modulus(**pole) > 1e-6).map(of).fold(1.0, f64::min)
 }
 
 /// The margins of a loop; of one that is stable, or they mean nothing. None if its gain never is 1.
@@ -124,6 +145,16 @@ mod tests {
         assert_eq!(found.overshoot, 0.0);
         // Half way there is not there.
         assert_eq!(of_step(&points[..2_000], 100.0, 150.0), None);
+    }
+
+    /// Eq. 11: ξ is 0.361; the hold takes 4 % of it.
+    #[test]
+    fn the_damping_is_that_of_eq_11() {
+        let loop_of = |gain: f64, period: f64| Discrete::position(&FirstOrder { gain, tau: 0.71875 }, period);
+        assert!((damping(&loop_of(2.664, 0.001)) - 0.361).abs() < 0.001, "{}", damping(&loop_of(2.664, 0.001)));
+        assert!((damping(&loop_of(2.664, 0.030)) - 0.347).abs() < 0.001, "{}", damping(&loop_of(2.664, 0.030)));
+        // Below a quarter of 1/τ nothing oscillates.
+        assert_eq!(damping(&loop_of(0.3, 0.030)), 1.0);
     }
 
     /// The loop that Eq. 11 is: at 30 ms and a gain of 1 far from instability, at a gain of 60 beyond it.

@@ -8,7 +8,7 @@ mod pid;
 mod printed;
 
 pub use lead::Lead;
-pub use pid::Pid;
+pub use pid::{Pid, Structure};
 pub use printed::Printed;
 
 /// The phase margin where nobody asks for another, in degrees. (Ours.)

@@ -6,6 +6,8 @@ use nalgebra::{Complex, Matrix2, Vector2};
 
 use super::{LOWER, TRIES};
 use crate::discrete::Discrete;
+use crate::polynomial::modulus;
+use crate::response::bisect;
 use crate::{Finding, FirstOrder, Polynomial};
 
 /// The crossover to begin with, in rad a sample. (Ours: above it a count is too large a part of the drive.)
@@ -15,6 +17,8 @@ const INTEGRAL: f64 = 30.0;
 
 /// The zero K1/K3 is no more than so much slower than the crossover: from there to it, the axis creeps. (Ours.)
 const SLOWEST: f64 = 4.0;
+/// Without a derivative the crossover may be lower than that by this factor.
+const SLOWEST_CROSSOVER: f64 = 1e-4;
 
 /// u(k) = K1·x(k) + K2·I(k) + K3/T·(x(k) − x(k−1)), I(k) = I(k−1) + T·x(k).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,36 +31,120 @@ pub struct Pid {
     pub k3: f64,
 }
 
+/// Which parts of the law there are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Structure {
+    /// K1 alone.
+    P,
+    /// K1 and K2.
+    Pi,
+    /// K1 and K3.
+    Pd,
+    /// All three.
+    Pid,
+}
+
+impl Structure {
+    /// All, from the simplest on.
+    pub const ALL: [Self; 4] = [Self::P, Self::Pi, Self::Pd, Self::Pid];
+
+    /// Its name.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::P => "P",
+            Self::Pi => "PI",
+            Self::Pd => "PD",
+            Self::Pid => "PID",
+        }
+    }
+
+    /// Whether it has K2.
+    pub const fn integrates(self) -> bool {
+        matches!(self, Self::Pi | Self::Pid)
+    }
+
+    /// Whether it has K3.
+    const fn differentiates(self) -> bool {
+        matches!(self, Self::Pd | Self::Pid)
+    }
+}
+
 impl Pid {
     /// A PID for an axis whose position is counted every `period` seconds.
     ///
     /// # Errors
     /// [`Finding::NoController`] if there is none with this phase margin, in degrees.
     pub fn design(model: &FirstOrder, period: f64, phase_margin: f64) -> Result<Self, Finding> {
+        Self::design_as(Structure::Pid, model, period, phase_margin)
+    }
+
+    /// The same with these parts only.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn design_as(
+        structure: Structure,
+        model: &FirstOrder,
+        period: f64,
+        phase_margin: f64,
+    ) -> Result<Self, Finding> {
         let mut crossover = CROSSOVER / period;
+        if !structure.differentiates() {
+            return Self::without_derivative(structure, model, period, phase_margin, crossover);
+        }
         for _ in 0..TRIES {
-            if let Some(pid) = Self::with_crossover(model, period, phase_margin, crossover) {
+            if let Some(pid) = Self::with_crossover(structure, model, period, phase_margin, crossover) {
                 return Ok(pid);
             }
             crossover *= LOWER;
         }
-        Err(Finding::NoController { law: "PID", margin: phase_margin, crossover: crossover.round() })
+        Err(Finding::NoController { law: structure.name(), margin: phase_margin, crossover: crossover.round() })
     }
 
     /// At the crossover the PID must be 1/|G| long and turn by what is missing: two equations for K1 and K3.
-    fn with_crossover(model: &FirstOrder, period: f64, phase_margin: f64, crossover: f64) -> Option<Self> {
+    fn with_crossover(
+        structure: Structure,
+        model: &FirstOrder,
+        period: f64,
+        phase_margin: f64,
+        crossover: f64,
+    ) -> Option<Self> {
         let (sin, cos) = libm::sincos((phase_margin - 180.0) * PI / 180.0);
         let wanted = Complex::new(cos, sin) / Discrete::position(model, period).at_frequency(crossover);
+        let steady = steady_part(structure, period, crossover);
         let (sin, cos) = libm::sincos(crossover * period);
         let z = Complex::new(cos, sin);
-        let ti = INTEGRAL / crossover;
-        let steady = z / (z - 1.0) * (period / ti) + 1.0;
         let slope = (z - 1.0) / z / period;
         let gains =
             Matrix2::new(steady.re, slope.re, steady.im, slope.im).lu().solve(&Vector2::new(wanted.re, wanted.im))?;
-        let pid = Self { k1: gains[0], k2: gains[0] / ti, k3: gains[1] };
+        let k2 = if structure.integrates() { gains[0] * crossover / INTEGRAL } else { 0.0 };
+        let pid = Self { k1: gains[0], k2, k3: gains[1] };
         // With hardly anything but a derivative the axis would never get there.
         (pid.k1 > 0.0 && pid.k3 >= 0.0 && pid.k1 * SLOWEST > pid.k3 * crossover).then_some(pid)
+    }
+
+    /// Nothing adds phase: the crossover is where the axis itself leaves the margin.
+    fn without_derivative(
+        structure: Structure,
+        model: &FirstOrder,
+        period: f64,
+        phase_margin: f64,
+        highest: f64,
+    ) -> Result<Self, Finding> {
+        let axis = Discrete::position(model, period);
+        let loop_at = |omega: f64| axis.at_frequency(omega) * steady_part(structure, period, omega);
+        let too_much = |omega: f64| {
+            let at = loop_at(omega);
+            let phase = libm::atan2(at.im, at.re) * 180.0 / PI;
+            (if phase > 0.0 { phase - 360.0 } else { phase }) + 180.0 - phase_margin
+        };
+        let lowest = highest * SLOWEST_CROSSOVER;
+        if !(too_much(lowest) > 0.0 && model.gain > 0.0) {
+            return Err(Finding::NoController { law: structure.name(), margin: phase_margin, crossover: lowest });
+        }
+        let crossover = if too_much(highest) >= 0.0 { highest } else { bisect(lowest, highest, too_much) };
+        let k1 = 1.0 / modulus(loop_at(crossover));
+        Ok(Self { k1, k2: if structure.integrates() { k1 * crossover / INTEGRAL } else { 0.0 }, k3: 0.0 })
     }
 
     /// The PID and the axis.
@@ -72,6 +160,16 @@ impl Pid {
         let pid = Discrete { numerator: Polynomial(numerator), denominator, period };
         pid.times(&Discrete::position(model, period))
     }
+}
+
+/// What the law without its derivative is at a crossover, with K1 = 1.
+fn steady_part(structure: Structure, period: f64, crossover: f64) -> Complex<f64> {
+    if !structure.integrates() {
+        return Complex::new(1.0, 0.0);
+    }
+    let (sin, cos) = libm::sincos(crossover * period);
+    let z = Complex::new(cos, sin);
+    z / (z - 1.0) * (period * crossover / INTEGRAL) + 1.0
 }
 
 #[cfg(test)]
@@ -120,6 +218,22 @@ mod tests {
             let step = crate::response::of_step(&points, 0.0, 1.0).unwrap();
             assert!(step.rise < 1.0 && step.settling < 20.0, "{wanted}: {step:?}");
         }
+    }
+
+    #[test]
+    fn each_structure_has_the_margin_that_was_asked_for() {
+        for structure in Structure::ALL {
+            for wanted in [45.0, 60.0, 75.0] {
+                let pid = Pid::design_as(structure, &AXIS, 0.030, wanted).unwrap();
+                assert_eq!((pid.k2 > 0.0, pid.k3 > 0.0), (structure.integrates(), structure.differentiates()));
+                let open = pid.open_loop(&AXIS, 0.030);
+                check_stable(&open).unwrap();
+                assert!((margins(&open).unwrap().phase - wanted).abs() < 0.1, "{structure:?} {wanted}");
+            }
+        }
+        // What the integral lags, nothing gives back.
+        let Err(refused) = Pid::design_as(Structure::Pi, &AXIS, 0.030, 89.0) else { panic!() };
+        assert!(refused.to_string().starts_with("no PI has a phase margin of 89°"), "{refused}");
     }
 
     /// P, PI, PD and PID: by the decay of the difference equations themselves, and with too much gain.

@@ -13,6 +13,9 @@ pub enum TuneError {
         /// The board.
         board: String,
     },
+    /// P, PI, PD and PID are for a position.
+    #[error("--compare is for an axis, whose position a PID regulates: the speed of this motor has a lead compensator")]
+    NoAxis,
     /// There is no such controller.
     #[error(transparent)]
     Finding(#[from] Finding),

@@ -3,7 +3,7 @@
 use torno_plot::{Figure, Panel, Series, Style as Drawn};
 
 use super::Tuning;
-use super::forecast::samples;
+use super::forecast::small_step;
 use super::rig::Seen;
 
 impl Tuning {
@@ -19,8 +19,7 @@ impl Tuning {
         let (Some(shown), Some(present)) = (&self.shown, &self.shown_present) else {
             let (model, period) = (self.motor.result.model(), self.motor.period_s);
             let open = self.controller.open_loop(&model, period);
-            let step = open.closed().step(samples(&open, &model));
-            let points: Vec<(f64, f64)> = (0..).zip(step).map(|(n, y)| (period * f64::from(n), y)).collect();
+            let points = small_step(&open, &model);
             let settled = self.forecast.small_step.map_or(f64::MAX, |step| 2.0 * step.settling_s);
             let points = points.into_iter().filter(|(t, _)| *t <= settled).collect();
             return Figure {
@@ -35,6 +34,7 @@ impl Tuning {
             Series::new("proposed", Drawn::Line, until(&shown.path)),
             Series::new("as it is", Drawn::Line, until(&present.path)),
         ];
+        let open = self.shown_open.as_ref();
         if self.motor.axis {
             paths.push(Series::new("set point", Drawn::Dashed, until(&shown.wanted)));
             panels.push(panel("position, counts", 0.8, paths));
@@ -48,21 +48,23 @@ impl Tuning {
             ];
             panels.push(panel("following error, counts", 0.6, lags));
         } else {
+            paths.extend(open.map(|open| Series::new("open loop", Drawn::Line, until(&open.path))));
             paths.push(Series::new("foretold", Drawn::Dashed, until(&self.foretold_path)));
             paths.push(Series::new("set point", Drawn::Dashed, until(&shown.wanted)));
             panels.push(panel("speed, rpm", 1.0, paths));
         }
-        let drives = vec![
+        let mut drives = vec![
             Series::new("proposed", Drawn::Steps, until(&shown.drive)),
             Series::new("as it is", Drawn::Steps, until(&present.drive)),
         ];
+        drives.extend(open.map(|open| Series::new("open loop", Drawn::Steps, until(&open.drive))));
         panels.push(panel("drive, LSB", 0.5, drives));
         Figure { title, panels }
     }
 
     /// Some time after which nothing changes any more, in s.
     fn last_change(&self) -> f64 {
-        let seen = [&self.shown, &self.shown_present].into_iter().flatten();
+        let seen = [&self.shown, &self.shown_present, &self.shown_open].into_iter().flatten();
         let last = seen.filter_map(|seen| {
             let (_, end) = *seen.path.last()?;
             let out = seen.path.iter().rposition(|(_, y)| (y - end).abs() > 0.02 * end.abs().max(1.0))?;

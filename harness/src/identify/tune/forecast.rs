@@ -3,7 +3,7 @@
 use std::fmt;
 
 use serde::Serialize;
-use torno_identify::design::{Lead, Pid, Printed};
+use torno_identify::design::{Lead, Pid, Printed, Structure};
 use torno_identify::discrete::Discrete;
 use torno_identify::{Complex, Finding, FirstOrder, response};
 use torno_machines::motor::{Form, Law, Motor};
@@ -12,6 +12,8 @@ use torno_machines::motor::{Form, Law, Motor};
 const SAMPLES: (usize, f64) = (400, 12.0);
 /// And in time constants of its slowest pole.
 const POLES: f64 = 8.0;
+/// So many at most.
+const LONGEST: usize = 100_000;
 
 /// A controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,12 +37,22 @@ impl Controller {
     /// One with this phase margin, in degrees, its values rounded as they are told.
     pub(super) fn design(axis: bool, model: &FirstOrder, period: f64, margin: f64) -> Result<Self, Finding> {
         Ok(if axis {
-            let Pid { k1, k2, k3 } = Pid::design(model, period, margin)?;
-            Self::Pid(Pid { k1: rounded(k1), k2: rounded(k2), k3: rounded(k3) })
+            Self::of_parts(Structure::Pid, model, period, margin)?
         } else {
             let Lead { alpha, beta, k } = Lead::design(model, period, margin)?;
             Self::Lead(Lead { alpha: rounded(alpha), beta: rounded(beta), k: rounded(k) })
         })
+    }
+
+    /// A PID of these parts only.
+    pub(super) fn of_parts(
+        structure: Structure,
+        model: &FirstOrder,
+        period: f64,
+        margin: f64,
+    ) -> Result<Self, Finding> {
+        let Pid { k1, k2, k3 } = Pid::design_as(structure, model, period, margin)?;
+        Ok(Self::Pid(Pid { k1: rounded(k1), k2: rounded(k2), k3: rounded(k3) }))
     }
 
     pub(super) fn open_loop(&self, model: &FirstOrder, period: f64) -> Discrete {
@@ -86,6 +98,8 @@ pub struct Forecast {
     pub gain_margin_db: Option<f64>,
     /// The time by which the loop may still be late, in s.
     pub delay_margin_s: Option<f64>,
+    /// The least damping of the closed loop's poles; 1 if none oscillates.
+    pub damping: f64,
     /// The response to a step so small that the drive stays off its limits.
     pub small_step: Option<Indices>,
     /// What is missing in the end, in % of the set point; none if nothing is.
@@ -123,29 +137,44 @@ impl Forecast {
     /// Of an open loop with this motor.
     pub(super) fn of_loop(open: &Discrete, model: &FirstOrder) -> Result<Self, Finding> {
         response::check_stable(open)?;
-        let (period, margins) = (open.period, response::margins(open));
-        let step = open.closed().step(samples(open, model));
+        let margins = response::margins(open);
+        let points = small_step(open, model);
         // A loop without an integrator settles, too, only elsewhere.
         let end = open.closed().at(Complex::new(1.0, 0.0)).re;
-        let points: Vec<(f64, f64)> = (0..).zip(step).map(|(n, y)| (period * f64::from(n), y)).collect();
         Ok(Self {
             poles: open.closed_poles().iter().map(|pole| [pole.re, pole.im]).collect(),
             crossover_rad_per_s: margins.map(|margins| margins.crossover),
             phase_margin_deg: margins.map(|margins| margins.phase),
             gain_margin_db: margins.and_then(|margins| margins.gain_db()),
             delay_margin_s: margins.map(|margins| margins.delay()),
+            damping: response::damping(open),
             small_step: response::of_step(&points, 0.0, end).map(Indices::from),
             standing_error_percent: Some(100.0 * (1.0 - end)).filter(|error| error.abs() > 1e-6),
         })
     }
 }
 
+/// What a speed does that nothing regulates: the drive is what the set point takes.
+pub(super) fn without_loop(model: &FirstOrder, period: f64) -> Option<Indices> {
+    let motor = Discrete::counted_speed(model, period);
+    let long = (SAMPLES.1 * model.tau / period) as usize;
+    let step = motor.step(long.clamp(SAMPLES.0, LONGEST)).into_iter().map(|y| y / model.gain);
+    let points: Vec<(f64, f64)> = (0..).zip(step).map(|(n, y)| (period * f64::from(n), y)).collect();
+    response::of_step(&points, 0.0, 1.0).map(Indices::from)
+}
+
+/// The response to a step of 1 of a loop that is closed: times in s, and shares.
+pub(super) fn small_step(open: &Discrete, model: &FirstOrder) -> Vec<(f64, f64)> {
+    let step = open.closed().step(samples(open, model));
+    (0..).zip(step).map(|(n, y)| (open.period * f64::from(n), y)).collect()
+}
+
 /// How long its slowest pole takes, too.
-pub(super) fn samples(open: &Discrete, model: &FirstOrder) -> usize {
+fn samples(open: &Discrete, model: &FirstOrder) -> usize {
     let (least, taus) = SAMPLES;
     let slowest = open.closed_poles().first().map_or(0.0, |pole| libm::hypot(pole.re, pole.im));
     let long = (taus * model.tau / open.period).max(POLES / (1.0 - slowest).max(1e-9));
-    least.max(long as usize).min(100_000)
+    least.max(long as usize).min(LONGEST)
 }
 
 /// The loop as the board has it now, in whatever form; None if there is none.

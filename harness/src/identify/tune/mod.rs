@@ -1,5 +1,6 @@
 //! From a motor that is known to a controller for it: proposed, foretold, and shown on the rig.
 
+mod compare;
 mod error;
 mod figure;
 mod forecast;
@@ -13,14 +14,15 @@ use torno_machines::motor::Law;
 use super::bench::Subject;
 use super::report::Identification;
 use crate::rig::file::RigFile;
+pub use compare::{Compared, Comparison};
 pub use error::TuneError;
-use forecast::present_loop;
 pub use forecast::{Controller, Forecast, Indices};
-pub use rig::Seen;
-use rig::{SPEED, smooth, watch, watched, with_settings, working_form};
+use forecast::{present_loop, without_loop};
+use rig::{FORM, SPEED, small_step, smooth, watch, watched, with_settings, working_form};
+pub use rig::{Seen, SmallStep, Verdict};
 
-/// Where a board's settings have the form of its law.
-const FORM: &str = "controller.form";
+/// The form of the compensator that, with a gain of 0, drives with what the set point takes.
+const WITHOUT_LOOP: &str = "feed-forward";
 
 /// A controller that is proposed, and everything about it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -42,12 +44,18 @@ pub struct Tuning {
     /// What is wrong with it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub present_finding: Option<String>,
+    /// A speed that nothing regulates, foretold: the response to a small step of the drive.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub open_loop: Option<Indices>,
     /// On the rig, as foretold: the main motor from rest to 2000 rpm, the drive within its limits.
     pub foretold: Option<Indices>,
     /// On the rig, with what is proposed.
     pub shown: Option<Seen>,
     /// On the rig, as it is.
     pub shown_present: Option<Seen>,
+    /// A speed on the rig without a loop: the drive is what the set point takes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shown_open: Option<Seen>,
     #[serde(skip)]
     controller: Controller,
     #[serde(skip)]
@@ -75,6 +83,7 @@ impl Tuning {
         }
         let controller = Controller::design(motor.axis, &model, period, margin)?;
         let forecast = Forecast::of(&controller, &model, period)?;
+        let open_loop = if motor.axis { None } else { without_loop(&model, period) };
         let (law, names) = match controller {
             Controller::Lead(_) => ("lead", ["alpha", "beta", "k"]),
             Controller::Pid(_) => ("pid", ["k1", "k2", "k3"]),
@@ -95,9 +104,11 @@ impl Tuning {
             forecast,
             present: None,
             present_finding: None,
+            open_loop,
             foretold: None,
             shown: None,
             shown_present: None,
+            shown_open: None,
             controller,
             foretold_path: Vec::new(),
         };
@@ -126,8 +137,19 @@ impl Tuning {
         }
         let tuned = with_settings(file, subject, self.form.as_ref(), &self.settings)?;
         let seconds = watched(model);
-        self.shown = Some(watch(&tuned, subject, seconds).await?);
-        self.shown_present = Some(watch(file, subject, seconds).await?);
+        let mut shown = watch(&tuned, subject, seconds).await?;
+        shown.small_step = small_step(&tuned, subject, &self.controller, seconds).await?;
+        self.shown = Some(shown);
+        let mut present = watch(file, subject, seconds).await?;
+        if let Some(controller) = Controller::of(&subject.motor.law) {
+            present.small_step = small_step(file, subject, &controller, seconds).await?;
+        }
+        self.shown_present = Some(present);
+        if let Law::Lead([.., (gain, _)]) = subject.motor.law {
+            let form = (subject.setting(FORM), WITHOUT_LOOP);
+            let open = with_settings(file, subject, Some(&form), &[(subject.setting(gain), 0.0)])?;
+            self.shown_open = Some(watch(&open, subject, seconds).await?);
+        }
         Ok(())
     }
 }
