@@ -84,7 +84,8 @@ impl<T> Range<T> for &[&str] {
 
 /// Declares a table of settings.
 ///
-/// A field is a number or a [`choice!`](crate::choice) with its default, range, unit and source, or a table of its own:
+/// A field is a number or a [`choice!`](crate::choice) with its default, range, unit and source, or a table of its own.
+/// `where RULE` behind the name is a function that checks what one setting says of another:
 ///
 /// ```
 /// use torno_protocol::settings;
@@ -110,7 +111,7 @@ impl<T> Range<T> for &[&str] {
 /// ```
 #[macro_export]
 macro_rules! settings {
-    ($(#[$meta:meta])* $vis:vis struct $name:ident {
+    ($(#[$meta:meta])* $vis:vis struct $name:ident $(where $rule:path)? {
         $(
             $(#[doc = $about:literal])+
             $field:ident: $type:ty $(= $default:expr, $range:expr, $unit:literal, $source:literal)?;
@@ -139,12 +140,13 @@ macro_rules! settings {
         }
 
         impl $name {
-            /// Checks every setting's range.
+            /// Checks every setting's range, and what one says of another.
             ///
             /// # Errors
             /// The first setting that is out of its range.
             $vis fn check(&self) -> Result<(), $crate::settings::OutOfRange> {
                 $($crate::settings!(@check self $field $($range)?)?;)+
+                $($rule(self)?;)?
                 Ok(())
             }
 

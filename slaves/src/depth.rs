@@ -9,6 +9,7 @@ use crate::encoder::Encoder;
 use crate::machine::{Machine, Progress, quantity};
 use crate::pins::Stage;
 use crate::plant::{Axis, Plant};
+use crate::schedule::Timing;
 use crate::settings::DepthSettings;
 use crate::slave::Slave;
 use crate::task::Task;
@@ -108,11 +109,12 @@ impl Machine for DepthMachine {
     type Settings = DepthSettings;
     type SubFrame = DepthSubFrame;
 
-    fn new(settings: &DepthSettings) -> (Self, u32) {
+    fn new(settings: &DepthSettings) -> (Self, Timing) {
         let encoder = Encoder::new(settings.slots_per_mm());
         // The motor is switched on or off, nothing between.
         let axis = Axis::new(settings.motor(), encoder, settings.speed_mm_per_s(), 1.0).with_encoder_along_slide();
-        (Self { axis, carriage: 0, firmware: Firmware::new(settings), service: 0 }, settings.controller.poll_ms)
+        let timing = Timing::exact(settings.controller.poll_ms);
+        (Self { axis, carriage: 0, firmware: Firmware::new(settings), service: 0 }, timing)
     }
 
     fn signals(&self) -> [Signal; 4] {

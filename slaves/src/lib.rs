@@ -35,6 +35,7 @@ mod transverse;
 
 pub use depth::{Depth, DepthTask};
 pub use machine::{Machine, Progress};
+pub use schedule::Timing;
 pub use servo::Servo;
 pub use settings::{
     DepthController, DepthDrive, DepthEncoder, DepthPlant, DepthSettings, Eq12, JudgedBy, KvOn, LeadForm, PositionForm,

@@ -6,6 +6,7 @@ use torno_protocol::time::Instant;
 
 use crate::pins::Stage;
 use crate::plant::Plant;
+use crate::schedule::Timing;
 
 /// How many quantities a machine shows in telemetry.
 pub(crate) const QUANTITIES: usize = 4;
@@ -27,8 +28,8 @@ pub trait Machine {
     where
         Self: Sized;
 
-    /// As at power-on, with the time between samples in ms.
-    fn new(settings: &Self::Settings) -> (Self, u32)
+    /// As at power-on, with when it is sampled.
+    fn new(settings: &Self::Settings) -> (Self, Timing)
     where
         Self: Sized;
 

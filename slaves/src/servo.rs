@@ -185,13 +185,13 @@ impl Servo {
             .with_load(plant.friction, plant.load_torque, drive.supply)
             .with_backlash(settings.counts(plant.backlash_mm))
             .standing_at(start);
-        let axis = Axis::new(motor, Encoder::new(1.0), full, f64::from(drive.full));
+        let axis = Axis::new(motor, Encoder::new(1.0), full, f64::from(drive.full)).with_dead_time(plant.dead_ms);
         let mut servo = Self {
             controller: controller.clone(),
             clock,
             commands: CommandDecoder::new(clock),
             transmitter: Transmitter::hardware(RATE, clock),
-            schedule: Schedule::new(controller.tick_ms, clock),
+            schedule: Schedule::new(controller.timing(), clock),
             zero: axis.carriage(),
             axis,
             full: i64::from(drive.full),

@@ -10,6 +10,7 @@ use crate::encoder::Encoder;
 use crate::machine::{Machine, Progress, quantity};
 use crate::pins::Stage;
 use crate::plant::{Plant, Rotor, SpeedMotor};
+use crate::schedule::Timing;
 use crate::settings::{SpindleController, SpindleSettings};
 use crate::slave::Slave;
 use crate::task::Task;
@@ -63,7 +64,8 @@ struct Firmware {
 
 impl Firmware {
     fn new(settings: &SpindleSettings) -> Self {
-        let SpindleController { form, k, alpha, beta, window_ms, supply_v, km_rad_per_s_volt } = settings.controller;
+        let SpindleController { form, k, alpha, beta, window_ms, supply_v, km_rad_per_s_volt, .. } =
+            settings.controller;
         let pwm = Pwm::new(settings.drive.bits);
         Self {
             lead: Lead::new(form, alpha, beta, k, supply_v),
@@ -147,12 +149,12 @@ impl Machine for SpindleMachine {
     type Settings = SpindleSettings;
     type SubFrame = SpindleSubFrame;
 
-    fn new(settings: &SpindleSettings) -> (Self, u32) {
+    fn new(settings: &SpindleSettings) -> (Self, Timing) {
         let SpindleSettings { plant, drive, encoder, controller } = settings;
         let motor = SpeedMotor::new(plant.km_rad_per_s_volt, plant.tau_s, drive.supply_v)
             .with_load(plant.friction + plant.load_torque);
-        let rotor = Rotor::new(motor, Encoder::new(f64::from(encoder.pulses_per_rev)), drive.supply_v);
-        (Self { rotor, firmware: Firmware::new(settings) }, controller.window_ms)
+        let rotor = Rotor::new(motor, Encoder::new(f64::from(encoder.pulses_per_rev)), drive.supply_v, plant.dead_ms);
+        (Self { rotor, firmware: Firmware::new(settings) }, controller.timing())
     }
 
     fn signals(&self) -> [Signal; 4] {

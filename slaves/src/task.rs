@@ -24,9 +24,9 @@ pub struct Task<M: ?Sized> {
 impl<M: Machine> Task<M> {
     /// As at power-on: the motor stands, an axis in mid-travel.
     pub fn new(settings: &M::Settings, clock: Clock) -> Self {
-        let (machine, period_ms) = M::new(settings);
+        let (machine, timing) = M::new(settings);
         let telemetry = Telemetry::new(machine.values());
-        let mut task = Self { schedule: Schedule::new(period_ms, clock), telemetry, pins: None, machine };
+        let mut task = Self { schedule: Schedule::new(timing, clock), telemetry, pins: None, machine };
         // A load may move the axis that nobody drives.
         task.sample_unless_at_rest(Instant::START);
         task

@@ -10,6 +10,7 @@ use crate::encoder::Encoder;
 use crate::machine::{Machine, Progress, quantity};
 use crate::pins::Stage;
 use crate::plant::{Axis, Plant, PositionMotor, SampledPlant};
+use crate::schedule::Timing;
 use crate::settings::{JudgedBy, PositionForm, PositionModel, TransverseController, TransverseSettings};
 use crate::slave::Slave;
 use crate::task::Task;
@@ -193,7 +194,7 @@ impl Machine for TransverseMachine {
     type Settings = TransverseSettings;
     type SubFrame = TransverseSubFrame;
 
-    fn new(settings: &TransverseSettings) -> (Self, u32) {
+    fn new(settings: &TransverseSettings) -> (Self, Timing) {
         let TransverseSettings { plant, drive, controller, .. } = settings;
         let (full, end) = (settings.full_counts_per_s(), settings.counts(plant.travel_mm) / 2.0);
         let motor = PositionMotor::new(plant.tau_s, full, end)
@@ -204,8 +205,10 @@ impl Machine for TransverseMachine {
             PositionModel::Motor => None,
             PositionModel::Eq12 => Some(SampledPlant::new(eq12.gain, eq12.zero, eq12.a1, eq12.a2, end)),
         };
-        let axis = Axis::new(motor, Encoder::new(1.0), full, Bridge::full(drive.bits)).with_sampled(sampled);
-        (Self { axis, carriage: 0, firmware: Firmware::new(settings), bits: drive.bits }, controller.sample_ms)
+        let axis = Axis::new(motor, Encoder::new(1.0), full, Bridge::full(drive.bits))
+            .with_sampled(sampled)
+            .with_dead_time(plant.dead_ms);
+        (Self { axis, carriage: 0, firmware: Firmware::new(settings), bits: drive.bits }, controller.timing())
     }
 
     fn signals(&self) -> [Signal; 4] {
@@ -359,5 +362,25 @@ mod tests {
         assert!((rise - 0.39).abs() <= 0.039, "{rise}");
         assert!(peak < 909.0, "{peak}");
         assert!(matches!(ended, Some((_, Progress::Done))), "{ended:?}");
+    }
+
+    /// The delay margin of the default gains is 73 ms: what `torno tune transverse` says.
+    #[test]
+    fn a_dead_time_beyond_the_delay_margin_makes_the_loop_unstable() {
+        let ends = |dead_ms: f64| {
+            let mut settings = TransverseSettings::default();
+            settings.plant.dead_ms = dead_ms;
+            let Run { path, ended } = run(&settings, [112, 0x23, 0x28, 0], 700);
+            let last = path[600..].iter().map(|(_, x)| (x - 9_000.0).abs()).fold(0.0, f64::max);
+            (ended.map(|(_, progress)| progress), last)
+        };
+        for dead_ms in [0.0, 20.0, 55.0] {
+            let (ended, off) = ends(dead_ms);
+            assert!(ended == Some(Progress::Done) && off <= 1.5, "{dead_ms}: {ended:?} {off}");
+        }
+        for dead_ms in [85.0, 120.0] {
+            let (ended, off) = ends(dead_ms);
+            assert!(ended.is_none() && off > 10.0, "{dead_ms}: {ended:?} {off}");
+        }
     }
 }

@@ -5,7 +5,7 @@ use torno_protocol::time::Instant;
 
 use crate::drive::{self, Bridge};
 use crate::encoder::{Counter, Encoder};
-use crate::plant::{Motion, Plant, PositionMotor, SampledPlant};
+use crate::plant::{DeadTime, Motion, Plant, PositionMotor, SampledPlant};
 
 /// An axis with its encoder, and the count of it that the firmware has.
 #[derive(Clone, Debug)]
@@ -13,6 +13,9 @@ pub(crate) struct Axis {
     motor: PositionMotor,
     /// Eq. 12, if it stands in the motor's place.
     sampled: Option<SampledPlant>,
+    dead: DeadTime,
+    /// What has reached the motor, in LSB.
+    reached: f64,
     encoder: Encoder,
     counter: Counter,
     along_slide: bool,
@@ -29,7 +32,17 @@ impl Axis {
     pub(crate) fn new(motor: PositionMotor, encoder: Encoder, full_speed: f64, full: f64) -> Self {
         let counter = Counter::new(encoder);
         let speed_per_lsb = full_speed / full;
-        let mut axis = Self { motor, sampled: None, encoder, counter, along_slide: false, speed_per_lsb, full };
+        let mut axis = Self {
+            motor,
+            sampled: None,
+            dead: DeadTime::new(0.0),
+            reached: 0.0,
+            encoder,
+            counter,
+            along_slide: false,
+            speed_per_lsb,
+            full,
+        };
         axis.restart(Instant::START);
         axis
     }
@@ -45,18 +58,44 @@ impl Axis {
         Self { sampled, ..self }
     }
 
-    /// Drives the motor with so many LSB from now on.
+    /// With a dead time between drive and motor. Eq. 12 takes at a sample what has arrived by then.
+    pub(crate) fn with_dead_time(self, ms: f64) -> Self {
+        Self { dead: DeadTime::new(ms), ..self }
+    }
+
+    /// Drives the motor with so many LSB from now on, or from when its dead time is over.
     pub(crate) fn drive(&mut self, lsb: i64) {
-        let lsb = Bridge::set(lsb).drive();
-        match &mut self.sampled {
-            None => self.motor.drive(self.speed_per_lsb * lsb),
-            Some(plant) => plant.step(lsb),
+        self.set(Bridge::set(lsb).drive());
+        if let Some(plant) = &mut self.sampled {
+            plant.step(self.reached);
         }
     }
 
+    fn set(&mut self, lsb: f64) {
+        if let Some(lsb) = self.dead.set(self.motor.at(), lsb) {
+            self.put(lsb);
+        }
+    }
+
+    fn put(&mut self, lsb: f64) {
+        self.reached = lsb;
+        if self.sampled.is_none() {
+            self.motor.drive(self.speed_per_lsb * lsb);
+        }
+    }
+
+    /// Lets the time up to `now` pass.
+    fn pass(&mut self, now: Instant) {
+        while let Some((at, lsb)) = self.dead.due(now) {
+            self.motor.advance(at);
+            self.put(lsb);
+        }
+        self.motor.advance(now);
+    }
+
     /// Drives the motor no more. Eq. 12 finds out with its next step.
-    pub(crate) const fn switch_off(&mut self) {
-        self.motor.drive(0.0);
+    pub(crate) fn switch_off(&mut self) {
+        self.set(0.0);
     }
 
     /// The service mode's drive, in LSB.
@@ -77,7 +116,8 @@ impl Axis {
     /// Not driven, it comes to rest with another count than this.
     pub(crate) fn leaves(&self, count: i64) -> bool {
         let end = if self.along_slide { self.motor.carriage_coast_end() } else { self.motor.coast_end() };
-        self.sampled.as_ref().map_or(self.counter.count_at(end) != count, |plant| !plant.is_at_rest())
+        let leaves = || self.sampled.as_ref().map_or(self.counter.count_at(end) != count, |plant| !plant.is_at_rest());
+        self.dead.is_pending() || leaves()
     }
 
     /// The motor's place, in units of position.
@@ -101,12 +141,12 @@ impl Axis {
 
 impl Plant for Axis {
     fn advance(&mut self, now: Instant) -> i64 {
-        self.motor.advance(now);
+        self.pass(now);
         self.counter.count(self.seen())
     }
 
     fn disturb(&mut self, now: Instant, what: &MotorStimulus) {
-        self.motor.advance(now);
+        self.pass(now);
         match what {
             MotorStimulus::Counts(counts) => self.counter.invent(self.seen(), *counts),
             _ => self.motor.disturb(what, |counts| self.encoder.way(counts)),
@@ -114,14 +154,55 @@ impl Plant for Axis {
     }
 
     fn restart(&mut self, now: Instant) {
-        self.motor.advance(now);
+        self.pass(now);
         self.counter.restart(self.seen());
     }
 
     fn motion(&self) -> Motion {
         match self.sampled {
-            None => Motion::of_position(self.motor.clone(), self.encoder, self.along_slide),
+            None => {
+                let coming = self.dead.under_way().map(|(at, lsb)| (at, self.speed_per_lsb * lsb));
+                Motion::of_position(self.motor.clone(), self.encoder, self.along_slide).with(coming)
+            }
             Some(_) => Motion::none(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use torno_protocol::time::Span;
+
+    use super::*;
+
+    fn us(us: u64) -> Instant {
+        Instant::START + Span::from_micros(us)
+    }
+
+    /// The motor that somebody drives by hand at the very instants at which the changes arrive.
+    #[test]
+    fn a_drive_reaches_the_motor_when_its_dead_time_is_over() {
+        let drives = [200, 200, -30, 0, 255, 90];
+        let motor = || PositionMotor::new(0.718_75, 7_500.0, 36_000.0).with_load(0.02, 0.0, 1.0);
+        for dead_us in [0, 1, 12_500, 30_000, 71_234] {
+            let mut axis =
+                Axis::new(motor(), Encoder::new(1.0), 7_500.0, 255.0).with_dead_time(dead_us as f64 / 1_000.0);
+            let mut by_hand = motor();
+            for (n, lsb) in (0..).zip(drives) {
+                let at = n * 30_000;
+                // Looking at it in between changes nothing.
+                for between in [at - at.min(7_000), at] {
+                    axis.advance(us(between));
+                }
+                axis.drive(lsb);
+                by_hand.advance(us(at + dead_us));
+                by_hand.drive(lsb as f64 * 7_500.0 / 255.0);
+            }
+            assert_eq!(axis.leaves(axis.counter.count_at(axis.motor.coast_end())), dead_us > 0, "{dead_us}");
+            axis.advance(us(900_000));
+            by_hand.advance(us(900_000));
+            assert!((axis.motor() - by_hand.position()).abs() < 1e-9, "{dead_us}");
+            assert!(axis.motor() > 100.0);
         }
     }
 }

@@ -1,6 +1,7 @@
 //! Plants: what the firmware drives and cannot know but through its encoder.
 
 mod axis;
+mod dead;
 mod lag;
 mod motion;
 mod position;
@@ -13,6 +14,7 @@ use torno_protocol::board::MotorStimulus;
 use torno_protocol::time::Instant;
 
 pub(crate) use axis::Axis;
+pub(crate) use dead::DeadTime;
 pub(crate) use motion::Motion;
 pub(crate) use position::PositionMotor;
 pub(crate) use rotor::Rotor;

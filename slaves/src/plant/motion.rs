@@ -5,9 +5,14 @@ use torno_protocol::time::{Instant, Span};
 use crate::encoder::Encoder;
 use crate::plant::{PositionMotor, SpeedMotor};
 
-/// A motor with its encoder, left to itself with the drive and the load as they are.
+/// A motor with its encoder, left to itself with the load as it is, and with the drive as it is but for what is on its
+/// way.
 #[derive(Clone, Debug)]
-pub struct Motion(Kind);
+pub struct Motion {
+    kind: Kind,
+    /// What will drive the motor, and from when on, in order.
+    coming: Vec<(Instant, f64)>,
+}
 
 #[derive(Clone, Debug)]
 enum Kind {
@@ -21,22 +26,31 @@ enum Kind {
 const OPEN: f64 = 0.75;
 
 impl Motion {
+    const fn of(kind: Kind) -> Self {
+        Self { kind, coming: Vec::new() }
+    }
+
     pub(crate) const fn of_speed(motor: SpeedMotor, encoder: Encoder) -> Self {
-        Self(Kind::Speed(motor, encoder))
+        Self::of(Kind::Speed(motor, encoder))
     }
 
     pub(crate) fn of_position(motor: PositionMotor, encoder: Encoder, along_slide: bool) -> Self {
-        Self(Kind::Position { motor: Box::new(motor), encoder, along_slide })
+        Self::of(Kind::Position { motor: Box::new(motor), encoder, along_slide })
     }
 
     /// Of a plant that knows no time between two samples.
     pub(crate) const fn none() -> Self {
-        Self(Kind::None)
+        Self::of(Kind::None)
+    }
+
+    /// The same with other drives on their way.
+    pub(crate) fn with(self, coming: impl Iterator<Item = (Instant, f64)>) -> Self {
+        Self { coming: coming.collect(), ..self }
     }
 
     /// How far its time has passed.
     pub(crate) fn at(&self) -> Instant {
-        match &self.0 {
+        match &self.kind {
             Kind::Speed(motor, _) => motor.at(),
             Kind::Position { motor, .. } => motor.at(),
             Kind::None => Instant::START,
@@ -46,7 +60,7 @@ impl Motion {
     /// The same at `t`.
     fn after(&self, t: Instant) -> Self {
         let mut after = self.clone();
-        match &mut after.0 {
+        match &mut after.kind {
             Kind::Speed(motor, _) => motor.advance(t),
             Kind::Position { motor, .. } => motor.advance(t),
             Kind::None => {}
@@ -56,7 +70,7 @@ impl Motion {
 
     /// The number of the open part (even) or bar (odd) that the sensor sees.
     pub(crate) fn place(&self) -> i64 {
-        let slots = match &self.0 {
+        let slots = match &self.kind {
             Kind::Speed(motor, encoder) => encoder.slots(motor.angle_rev()),
             Kind::Position { motor, encoder, along_slide: false } => encoder.slots(motor.position()),
             Kind::Position { motor, encoder, along_slide: true } => encoder.slots(motor.carriage()),
@@ -67,7 +81,7 @@ impl Motion {
     }
 
     fn rate(&self) -> f64 {
-        match &self.0 {
+        match &self.kind {
             Kind::Speed(motor, _) => motor.rate(),
             Kind::Position { motor, .. } => motor.rate(),
             Kind::None => 0.0,
@@ -76,6 +90,22 @@ impl Motion {
 
     /// The instants up to `until` at which an edge of the disc passes the sensor, and the place behind each.
     pub(crate) fn edges(&self, until: Instant) -> Vec<(Instant, i64)> {
+        let (mut motion, mut found) = (self.clone(), Vec::new());
+        for (at, drive) in self.coming.iter().filter(|(at, _)| *at <= until) {
+            found.extend(motion.edges_undisturbed(*at));
+            motion = motion.after(*at);
+            match &mut motion.kind {
+                Kind::Speed(motor, _) => motor.drive(*drive),
+                Kind::Position { motor, .. } => motor.drive(*drive),
+                Kind::None => {}
+            }
+        }
+        found.extend(motion.edges_undisturbed(until));
+        found
+    }
+
+    /// The same, with the drive as it is.
+    fn edges_undisturbed(&self, until: Instant) -> Vec<(Instant, i64)> {
         let (mut found, begin, end) = (Vec::new(), self.at(), self.after(until));
         if until <= begin {
             return found;
@@ -182,5 +212,24 @@ mod tests {
             motion(&motor).edges(Instant::from_nanos(500_000_000)).iter().map(|(_, place)| *place).collect();
         // A revolution a second and four slots: two slots in half a second, from the middle of the first.
         assert_eq!(places, [1, 2, 3, 4]);
+    }
+
+    /// The motor stands until the first drive arrives, and turns back after the second one.
+    #[test]
+    fn drives_on_their_way_act_when_they_arrive() {
+        let ms = |ms: u64| Instant::START + Span::from_millis(ms);
+        let motor = PositionMotor::new(0.05, 400.0, 1e4);
+        let still = Motion::of_position(motor.clone(), Encoder::new(1.0), false);
+        assert_eq!(still.edges(ms(300)), []);
+        let driven = still.with([(ms(50), 400.0), (ms(150), -400.0)].into_iter());
+        let mut by_hand = motor;
+        by_hand.advance(ms(50));
+        by_hand.drive(400.0);
+        let mut expected = Motion::of_position(by_hand.clone(), Encoder::new(1.0), false).edges(ms(150));
+        by_hand.advance(ms(150));
+        by_hand.drive(-400.0);
+        expected.extend(Motion::of_position(by_hand, Encoder::new(1.0), false).edges(ms(300)));
+        assert!(expected.len() > 40);
+        assert_eq!(driven.edges(ms(300)), expected);
     }
 }

@@ -127,14 +127,14 @@ impl PositionMotor {
         self.shaft.block(blocked);
     }
 
+    /// Up to when time has passed.
+    pub(crate) const fn at(&self) -> Instant {
+        self.at
+    }
+
     /// The motor's position, where the carriage is without backlash.
     pub(crate) const fn position(&self) -> f64 {
         self.position
-    }
-
-    /// How far time has passed.
-    pub(crate) const fn at(&self) -> Instant {
-        self.at
     }
 
     /// The motor's speed, in units of position per second.

@@ -60,6 +60,11 @@ impl SpeedMotor {
         self.shaft.is_blocked() || self.shaft.is_overloaded()
     }
 
+    /// Up to when time has passed.
+    pub(crate) const fn at(&self) -> Instant {
+        self.at
+    }
+
     /// Revolutions since the start.
     pub(crate) const fn angle_rev(&self) -> f64 {
         self.angle_rev
@@ -68,11 +73,6 @@ impl SpeedMotor {
     /// Where the shaft comes to rest if it is not driven.
     pub(crate) fn coast_end_rev(&self) -> f64 {
         self.angle_rev + self.shaft.coast()
-    }
-
-    /// How far time has passed.
-    pub(crate) const fn at(&self) -> Instant {
-        self.at
     }
 
     /// Revolutions per second.

@@ -10,5 +10,7 @@ pub(super) const BACKLASH_MM: RangeInclusive<f64> = 0.0..=10.0;
 /// A share of the torque at standstill with full drive, as the next one.
 pub(super) const FRICTION: RangeInclusive<f64> = 0.0..=2.0;
 pub(super) const LOAD_TORQUE: RangeInclusive<f64> = -2.0..=2.0;
+/// Between drive and motor.
+pub(super) const DEAD_MS: RangeInclusive<f64> = 0.0..=1_000.0;
 /// A share of the supply that the motor's speed holds for.
 pub(super) const SUPPLY: RangeInclusive<f64> = 0.01..=2.0;

@@ -7,6 +7,7 @@ mod axis;
 mod depth;
 mod servo;
 mod spindle;
+mod timing;
 mod transverse;
 
 pub use depth::{DepthController, DepthDrive, DepthEncoder, DepthPlant, DepthSettings};
@@ -47,6 +48,24 @@ mod tests {
         settings.controller.accel_counts_per_sample2 = 0;
         let wrong = settings.check().unwrap_err();
         assert_eq!(wrong.to_string(), "controller.accel_counts_per_sample2: expected 1 to 225, found 0");
+    }
+
+    #[test]
+    fn a_sample_is_not_later_than_the_next_one() {
+        let mut settings = TransverseSettings::default();
+        settings.controller.jitter_us = 30_000;
+        assert_eq!(settings.check(), Ok(()));
+        settings.controller.jitter_us = 30_001;
+        let wrong = settings.check().unwrap_err().to_string();
+        let expected = "controller.jitter_us: expected 0 to 30000, the time between two samples, found 30001";
+        assert_eq!(wrong, expected);
+        let mut settings = SpindleSettings::default();
+        settings.plant.dead_ms = -1.0;
+        let wrong = settings.check().unwrap_err().to_string();
+        assert_eq!(wrong, "plant.dead_ms: expected 0 to 1000, found -1");
+        let mut settings = ServoSettings::default();
+        settings.controller.jitter_us = 5_001;
+        assert!(settings.check().is_err());
     }
 
     #[test]

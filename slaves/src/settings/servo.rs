@@ -1,8 +1,10 @@
 //! The settings of the servo stand's board.
 
+use torno_protocol::settings::OutOfRange;
 use torno_protocol::{choice, settings};
 
-use super::axis;
+use super::{axis, timing};
+use crate::schedule::Timing;
 
 settings! {
     /// The settings of the servo stand's board.
@@ -37,6 +39,8 @@ settings! {
         friction: f64 = 0.0, axis::FRICTION, "", "ours";
         /// A torque in the negative sense whatever the motion, as such a share.
         load_torque: f64 = 0.0, axis::LOAD_TORQUE, "", "ours";
+        /// The dead time between drive and motor: of an amplifier, of a gear that gives.
+        dead_ms: f64 = 0.0, axis::DEAD_MS, "ms", "ours";
     }
 }
 
@@ -60,7 +64,7 @@ settings! {
 
 settings! {
     /// The firmware of the servo stand.
-    pub struct ServoController {
+    pub struct ServoController where ServoController::check_jitter {
         /// Kx at power-on.
         kx: u8 = 16, 0..=255, "LSB/16 per count", "ours";
         /// Kv at power-on.
@@ -71,6 +75,10 @@ settings! {
         tick_ms: u32 = 5, 1..=100, "ms", "§3.1";
         /// A larger following error is a fault. By default it is 32 mm.
         error_max_counts: u16 = 4_000, 1..=32_767, "counts", "ours";
+        /// How late a sample may be. It must not be later than the next one.
+        jitter_us: u32 = 0, timing::JITTER_US, "µs", "ours";
+        /// The seed of these delays: with another one there are others.
+        jitter_seed: u32 = 0, timing::SEED, "", "ours";
     }
 }
 
@@ -93,5 +101,16 @@ impl ServoSettings {
     /// So many mm of carriage in counts.
     pub fn counts(&self, mm: f64) -> f64 {
         mm / self.plant.pitch_mm * f64::from(self.encoder.pulses_per_rev)
+    }
+}
+
+impl ServoController {
+    /// When it samples.
+    pub(crate) const fn timing(&self) -> Timing {
+        timing::of(self.tick_ms, self.jitter_us, self.jitter_seed)
+    }
+
+    fn check_jitter(&self) -> Result<(), OutOfRange> {
+        timing::check(self.tick_ms, self.jitter_us)
     }
 }

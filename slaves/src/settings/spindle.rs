@@ -1,8 +1,10 @@
 //! The settings of the main motor's board.
 
+use torno_protocol::settings::OutOfRange;
 use torno_protocol::{choice, settings};
 
-use super::axis;
+use super::{axis, timing};
+use crate::schedule::Timing;
 
 settings! {
     /// The settings of the main motor's board.
@@ -29,6 +31,8 @@ settings! {
         friction: f64 = 0.0, axis::FRICTION, "", "ours";
         /// The cut's torque, as such a share. It opposes motion, and turns nothing.
         load_torque: f64 = 0.0, 0.0..=2.0, "", "ours";
+        /// The dead time between drive and motor: of an amplifier, of a gear that gives.
+        dead_ms: f64 = 0.0, axis::DEAD_MS, "ms", "ours";
     }
 }
 
@@ -52,7 +56,7 @@ settings! {
 
 settings! {
     /// The main motor's firmware.
-    pub struct SpindleController {
+    pub struct SpindleController where SpindleController::check_jitter {
         /// What the compensator's output is.
         form: LeadForm = LeadForm::Incremental, LeadForm::NAMES, "", "§4";
         /// The compensator's gain (Eq. 7).
@@ -67,6 +71,10 @@ settings! {
         supply_v: f64 = 30.0, 1.0..=1_000.0, "V", "§4";
         /// The motor's gain that the feed-forward form reckons with.
         km_rad_per_s_volt: f64 = 19.0, 0.1..=1_000.0, "rad/s per V", "§4";
+        /// How late a sample may be. It must not be later than the next one.
+        jitter_us: u32 = 0, timing::JITTER_US, "µs", "ours";
+        /// The seed of these delays: with another one there are others.
+        jitter_seed: u32 = 0, timing::SEED, "", "ours";
     }
 }
 
@@ -80,5 +88,16 @@ choice! {
         FeedForward = "feed-forward",
         /// The drive itself, u = c: Eq. 7 taken at its word. It leaves a standing error.
         Literal = "literal",
+    }
+}
+
+impl SpindleController {
+    /// When it samples.
+    pub(crate) const fn timing(&self) -> Timing {
+        timing::of(self.window_ms, self.jitter_us, self.jitter_seed)
+    }
+
+    fn check_jitter(&self) -> Result<(), OutOfRange> {
+        timing::check(self.window_ms, self.jitter_us)
     }
 }

@@ -2,9 +2,11 @@
 
 use core::ops::RangeInclusive;
 
+use torno_protocol::settings::OutOfRange;
 use torno_protocol::{choice, settings};
 
-use super::axis;
+use super::{axis, timing};
+use crate::schedule::Timing;
 
 settings! {
     /// The settings of the feed axis's board.
@@ -39,6 +41,8 @@ settings! {
         friction: f64 = 0.0, axis::FRICTION, "", "ours";
         /// A torque in the negative sense whatever the motion, as such a share.
         load_torque: f64 = 0.0, axis::LOAD_TORQUE, "", "ours";
+        /// The dead time between drive and motor: of an amplifier, of a gear that gives.
+        dead_ms: f64 = 0.0, axis::DEAD_MS, "ms", "ours";
         /// The coefficients of the model `eq-12`.
         eq12: Eq12;
     }
@@ -88,7 +92,7 @@ settings! {
 
 settings! {
     /// The firmware of the feed axis. LSB are the drive's.
-    pub struct TransverseController {
+    pub struct TransverseController where TransverseController::check_jitter {
         /// The law.
         form: PositionForm = PositionForm::Pid, PositionForm::NAMES, "", "§4";
         /// How the set point goes to its target.
@@ -123,6 +127,10 @@ settings! {
         sample_ms: u32 = 30, 1..=1_000, "ms", "§4";
         /// How near the target is in position.
         in_position_counts: u32 = 1, 0..=1_000, "counts", "ours";
+        /// How late a sample may be. It must not be later than the next one.
+        jitter_us: u32 = 0, timing::JITTER_US, "µs", "ours";
+        /// The seed of these delays: with another one there are others.
+        jitter_seed: u32 = 0, timing::SEED, "", "ours";
     }
 }
 
@@ -178,5 +186,16 @@ impl TransverseSettings {
     /// The sampling time, in s.
     pub fn sample_s(&self) -> f64 {
         f64::from(self.controller.sample_ms) / 1_000.0
+    }
+}
+
+impl TransverseController {
+    /// When it samples.
+    pub(crate) const fn timing(&self) -> Timing {
+        timing::of(self.sample_ms, self.jitter_us, self.jitter_seed)
+    }
+
+    fn check_jitter(&self) -> Result<(), OutOfRange> {
+        timing::check(self.sample_ms, self.jitter_us)
     }
 }
