@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::path::Path;
+use std::process::Command;
 
 use crate::common::{folder, json, output};
 use serde_json::Value;
@@ -349,6 +350,59 @@ fn the_open_loop_stands_beside_the_closed_one() {
     near(&found["shown_open"]["step"]["rise_s"], 6.15, 2.0);
     let damping = found["forecast"]["damping"].as_f64().unwrap();
     assert!((0.7..0.9).contains(&damping), "{damping}");
+}
+
+/// The board itself says whether the delay margin holds.
+#[test]
+fn a_dead_time_is_held_against_the_delay_margin() {
+    let tune = |dead_ms: u32, more: &[&str]| {
+        let set = format!("transverse.plant.dead_ms={dead_ms}");
+        text(&[&["tune", "transverse", "--set", &set][..], more].concat())
+    };
+    // The loop that is there has 73 ms.
+    let found: Value = serde_json::from_str(&tune(50, &["--json"])).unwrap();
+    assert_eq!(found["shown_present"]["verdict"], "done");
+    let found: Value = serde_json::from_str(&tune(90, &["--json"])).unwrap();
+    assert_eq!((&found["shown_present"]["verdict"], found["dead_s"].as_f64()), (&Value::from("busy"), Some(0.09)));
+    assert!(tune(50, &[]).contains("the plant has 50 ms of dead time; proposed: "));
+    assert!(tune(110, &[]).contains("ms beyond its delay margin: unstable"));
+    let refused = complaint(&["tune", "transverse", "--set", "transverse.plant.dead_ms=-1"]);
+    assert!(refused.contains("plant.dead_ms: expected 0 to 1000, found -1"), "{refused}");
+    let refused = complaint(&["tune", "spindle", "--set", "spindle.controller.jitter_us=30001"]);
+    assert!(refused.contains("controller.jitter_us: expected 0 to 30000"), "{refused}");
+}
+
+/// The C that is written does on its own vectors what the board did: it is compiled and run.
+#[test]
+fn a_controller_as_c_does_what_the_board_does() {
+    let folder = folder();
+    let (source, program) = (folder.path().join("law.c"), folder.path().join("law"));
+    for arguments in [
+        &["transverse"][..],
+        &["spindle"],
+        &["lathe-dspic", "dspic.transverse"],
+        &["spindle", "--set", "spindle.controller.window_ms=32"],
+        &["transverse", "--set", "transverse.controller.sample_ms=17"],
+    ] {
+        let tune = [&["tune"], arguments, &["--code", "c", "-o", source.to_str().unwrap()]].concat();
+        text(&tune);
+        let cc = Command::new("cc")
+            .args(["-std=c99", "-Wall", "-Wextra", "-Werror", "-DTORNO_TEST", "-o"])
+            .args([&program, &source])
+            .output()
+            .unwrap();
+        assert!(cc.status.success(), "{}", String::from_utf8_lossy(&cc.stderr));
+        let run = Command::new(&program).output().unwrap();
+        let told = String::from_utf8_lossy(&run.stdout).into_owned();
+        assert!(run.status.success() && told.contains(" vectors, "), "{arguments:?}: {told}");
+    }
+    // A coefficient that is wrong shows.
+    let wrong = fs::read_to_string(&source).unwrap().replacen("#define K1 ", "#define K1 2 * ", 1);
+    fs::write(&source, wrong).unwrap();
+    let cc = Command::new("cc").args(["-DTORNO_TEST", "-o"]).args([&program, &source]).status().unwrap();
+    assert!(cc.success() && !Command::new(&program).output().unwrap().status.success());
+    assert!(complaint(&["tune", "spindle", "--code", "c", "-o", "x.svg"]).contains("a name that ends in .c"));
+    assert!(complaint(&["tune", "spindle", "-o", "x.c"]).contains(".c is for --code"));
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! What friction and load do to the three loops that have a drive of more than on and off:
-//! `cargo run --release -p torno-slaves --example friction` prints tables, with `svg` behind it a picture.
+//! `cargo run --release -p torno-slaves --example friction` prints tables, with `svg` behind it a picture,
+//! with `moves` the tables of single moves alone.
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "an example")]
 
@@ -79,6 +80,59 @@ fn feed() {
     }
 }
 
+/// Friction and load of the cells that are shown one by one.
+const CELLS: [(f64, f64); 8] =
+    [(0.0, 0.0), (0.02, 0.0), (0.05, 0.0), (0.12, 0.0), (0.0, 0.15), (0.0, -0.15), (0.12, 0.15), (0.12, -0.15)];
+
+/// One move of the feed over the envelope, with the law as it was and as it is.
+fn feed_move() {
+    println!("\nfeed axis: 9000 counts at 112 a sample; settling is from the end of the set point's way on");
+    println!("friction  load   law     settling  overshoot  steady error  verdict       blocked: CAN after");
+    let step = Move { speed: 112, way: 9_000 };
+    for (friction, load) in CELLS {
+        for (name, law) in [("before", plain()), ("now", TransverseSettings::default())] {
+            let settings = against(&law, friction, load);
+            let mut feed = Feed::new(&settings);
+            feed.start(step);
+            let (mut path, mut reply, mut replied) = (Vec::new(), None, 0);
+            for n in 0..1_500 {
+                path.push(feed.sample());
+                if reply.is_none() {
+                    reply = feed.reply();
+                    replied = n;
+                }
+                if reply.is_some() && n > replied + 200 {
+                    break;
+                }
+            }
+            let last = if reply == Some(CAN) { replied.saturating_sub(1) } else { path.len() - 1 };
+            let arrives = path.iter().position(|[_, set_point, ..]| *set_point == step.way).unwrap_or(last);
+            let out = path[..=last].iter().rposition(|[at, ..]| (at - step.way).abs() > 1).unwrap_or(0);
+            let settled = (out < last).then(|| (out + 1).saturating_sub(arrives) as f64 * 0.030);
+            let over = path.iter().map(|[at, ..]| at - step.way).max().unwrap_or(0).max(0);
+            let verdict = match reply {
+                Some(ACK) if out > replied + 34 => "hunts",
+                Some(ACK) => "done",
+                Some(_) => "false stall",
+                None => "busy",
+            };
+            let mut blocked = Feed::new(&settings);
+            blocked.start(step);
+            (0..60).for_each(|_| _ = blocked.sample());
+            blocked.bench.stimulus(MotorStimulus::Stall(true).of(0));
+            let from = blocked.bench.now;
+            let told = (blocked.replies_within(333) == Some(CAN)).then(|| blocked.bench.now.since(from).as_secs_f64());
+            let seconds = |of: Option<f64>| of.map_or("never".to_owned(), |of| format!("{of:.2} s"));
+            let error = step.way - path[last][0];
+            println!(
+                "{friction:<9} {load:<6} {name:<7} {:<9} {over:<10} {error:<13} {verdict:<13} {}",
+                seconds(settled),
+                seconds(told)
+            );
+        }
+    }
+}
+
 /// The last value of a quantity in each of so many spans of 30 ms.
 fn watch<B: Board>(bench: &mut Bench<B>, signal: u8, spans: usize, mut last: i64) -> Vec<i64> {
     let span = |_| {
@@ -128,7 +182,7 @@ fn spindle() {
 
 fn stand() {
     println!("\nservo stand: 10 mm/s for 2 s and rest, Kx 20; the error in counts of 8 um a second after");
-    println!("Kv   friction  load   error  during the run at most");
+    println!("Kv   friction  load   settling  overshoot  error  at most  verdict  blocked after 1 s: gives up after");
     for kv in [0, 195] {
         for (friction, load) in
             [(0.0, 0.0), (0.02, 0.0), (0.06, 0.0), (0.12, 0.0), (0.0, 0.15), (0.12, 0.15), (0.12, -0.15)]
@@ -142,9 +196,23 @@ fn stand() {
             bench.send(&Command::Download(increments).emit());
             bench.run_ms(10);
             bench.send(&Command::Run.emit());
-            let errors = watch(&mut bench, 2, 100, 0);
+            let mut errors = watch(&mut bench, 2, 34, 0);
+            let mut blocked = bench.clone();
+            blocked.stimulus(MotorStimulus::Stall(true).of(0));
+            let lamp = watch(&mut blocked, 10, 200, 0).iter().position(|lamp| *lamp == 1);
+            let gives_up = lamp.map_or("never".to_owned(), |n| format!("{:.2} s", (n + 1) as f64 * 0.030));
+            let before = errors[33];
+            errors.extend(watch(&mut bench, 2, 66, before));
             let most = errors.iter().map(|error| error.abs()).max().unwrap();
-            println!("{kv:<4} {friction:<9} {load:<6} {:<6} {most}", errors[99]);
+            let last = errors[99];
+            // The run takes 66.7 spans.
+            let out = errors.iter().rposition(|error| (error - last).abs() > 1).unwrap_or(0);
+            let settled = out.saturating_sub(66) as f64 * 0.030;
+            let over = errors[66..].iter().map(|error| -error).max().unwrap().max(0);
+            let verdict = if last.abs() <= 1 { "done" } else { "stands off" };
+            println!(
+                "{kv:<4} {friction:<9} {load:<6} {settled:.2} s    {over:<10} {last:<6} {most:<8} {verdict:<10} {gives_up}"
+            );
         }
     }
 }
@@ -222,7 +290,13 @@ fn main() {
     if std::env::args().any(|argument| argument == "svg") {
         return picture();
     }
+    if std::env::args().any(|argument| argument == "moves") {
+        feed_move();
+        spindle();
+        return stand();
+    }
     feed();
+    feed_move();
     spindle();
     stand();
 }

@@ -1,7 +1,7 @@
 //! Drives: what a port's number and its pins become at the motor.
 
 /// The greatest number of so many bits.
-fn full(bits: u32) -> f64 {
+pub(crate) fn full(bits: u32) -> f64 {
     f64::from((1_u32 << bits.min(24)) - 1)
 }
 

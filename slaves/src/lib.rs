@@ -23,6 +23,7 @@ mod link;
 mod machine;
 mod pins;
 mod plant;
+mod rehearsal;
 mod schedule;
 mod servo;
 mod settings;
@@ -35,6 +36,7 @@ mod transverse;
 
 pub use depth::{Depth, DepthTask};
 pub use machine::{Machine, Progress};
+pub use rehearsal::{FeedLaw, FeedSample, KEPT, Rehearsal, SpeedLaw, SpeedSample};
 pub use schedule::Timing;
 pub use servo::Servo;
 pub use settings::{

@@ -2,7 +2,7 @@
 
 use torno_protocol::board::{Capability, Role, Signal};
 use torno_protocol::lathe::{Fault, SpindleSubFrame};
-use torno_protocol::time::Instant;
+use torno_protocol::time::{Instant, Span};
 
 use crate::control::Lead;
 use crate::drive::{self, Pwm};
@@ -10,8 +10,9 @@ use crate::encoder::Encoder;
 use crate::machine::{Machine, Progress, quantity};
 use crate::pins::Stage;
 use crate::plant::{Plant, Rotor, SpeedMotor};
+use crate::rehearsal::{Rehearsal, SpeedLaw, SpeedSample};
 use crate::schedule::Timing;
-use crate::settings::{SpindleController, SpindleSettings};
+use crate::settings::{LeadForm, SpindleController, SpindleSettings};
 use crate::slave::Slave;
 use crate::task::Task;
 
@@ -64,8 +65,7 @@ struct Firmware {
 
 impl Firmware {
     fn new(settings: &SpindleSettings) -> Self {
-        let SpindleController { form, k, alpha, beta, window_ms, supply_v, km_rad_per_s_volt, .. } =
-            settings.controller;
+        let SpindleController { form, k, alpha, beta, supply_v, km_rad_per_s_volt, .. } = settings.controller;
         let pwm = Pwm::new(settings.drive.bits);
         Self {
             lead: Lead::new(form, alpha, beta, k, supply_v),
@@ -73,7 +73,7 @@ impl Firmware {
             supply_v,
             km: km_rad_per_s_volt,
             stall_drive: pwm.width(STALL_DRIVE),
-            rpm_per_count: 60_000.0 / (f64::from(settings.encoder.pulses_per_rev) * f64::from(window_ms)),
+            rpm_per_count: settings.rpm_per_count(),
             set_point_rpm: 0,
             count: 0,
             windows: [0; MEAN_OF],
@@ -230,6 +230,36 @@ impl Machine for SpindleMachine {
     fn is_on_watch(&self) -> bool {
         self.rotor.is_held() && self.firmware.set_point_rpm != 0
     }
+}
+
+impl Rehearsal {
+    /// The main motor from rest to three speeds and to a stop; none of a law in another form than the working one.
+    pub fn of_speed(settings: &SpindleSettings) -> Option<Self> {
+        let works = settings.controller.form == LeadForm::Incremental;
+        works.then(|| Self::Speed(SpeedLaw::of(settings), rehearse(settings)))
+    }
+}
+
+/// From rest to three speeds, the second by coasting, and to a stop: what the law was given, and its drive.
+fn rehearse(settings: &SpindleSettings) -> Vec<SpeedSample> {
+    let (mut machine, timing) = SpindleMachine::new(settings);
+    let sample = Span::from_millis(u64::from(timing.period_ms));
+    let mut now = Instant::START;
+    let mut samples = Vec::new();
+    for (set_point, windows) in [(100_u8, 120), (40, 150), (0, 5), (75, 120)] {
+        let Ok(sub_frame) = SpindleSubFrame::parse([set_point]) else { continue };
+        machine.start(now, sub_frame);
+        for _ in 0..windows {
+            // A motor that cannot turn is no matter of the law.
+            if let Progress::Failed(_) = machine.sample(now, false) {
+                return samples;
+            }
+            let (counts, drive) = (machine.firmware.speed_counts(), machine.firmware.drive);
+            samples.push(SpeedSample { set_point: i64::from(set_point), counts, drive });
+            now += sample;
+        }
+    }
+    samples
 }
 
 #[cfg(test)]

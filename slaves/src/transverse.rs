@@ -2,7 +2,7 @@
 
 use torno_protocol::board::{Capability, Role, Signal};
 use torno_protocol::lathe::{Fault, TransverseSubFrame};
-use torno_protocol::time::Instant;
+use torno_protocol::time::{Instant, Span};
 
 use crate::control::{Gains, Pid, Profile, STANDS_MS, Sample};
 use crate::drive::Bridge;
@@ -10,6 +10,7 @@ use crate::encoder::Encoder;
 use crate::machine::{Machine, Progress, quantity};
 use crate::pins::Stage;
 use crate::plant::{Axis, Plant, PositionMotor, SampledPlant};
+use crate::rehearsal::{FeedLaw, FeedSample, Rehearsal};
 use crate::schedule::Timing;
 use crate::settings::{JudgedBy, PositionForm, PositionModel, TransverseController, TransverseSettings};
 use crate::slave::Slave;
@@ -294,10 +295,53 @@ impl Machine for TransverseMachine {
     }
 }
 
+impl Rehearsal {
+    /// Moves of the feed axis, on a motor with friction, so that every rule is met; none of a law in another form than
+    /// the working one.
+    pub fn of_feed(settings: &TransverseSettings) -> Option<Self> {
+        let works = settings.controller.form == PositionForm::Pid;
+        works.then(|| Self::Feed(FeedLaw::of(settings), rehearse(settings)))
+    }
+}
+
+/// The friction of a rehearsal, as a share of the torque at standstill with full drive. (Ours.)
+const REHEARSED_FRICTION: f64 = 0.05;
+
+/// Moves both ways, long, short and as fast as the motor goes: what the law was given, and its drive.
+fn rehearse(settings: &TransverseSettings) -> Vec<FeedSample> {
+    let mut settings = settings.clone();
+    settings.plant.friction = settings.plant.friction.max(REHEARSED_FRICTION);
+    let (mut machine, timing) = TransverseMachine::new(&settings);
+    let sample = Span::from_millis(u64::from(timing.period_ms));
+    let mut now = Instant::START;
+    let mut samples = Vec::new();
+    for (speed, distance, direction) in [(60, 1_000_u16, 0), (5, 30, 1), (1, 2, 0), (225, 3_000, 1), (20, 7, 0)] {
+        let [high, low] = distance.to_be_bytes();
+        let Ok(sub_frame) = TransverseSubFrame::parse([speed, high, low, direction]) else { continue };
+        machine.start(now, sub_frame);
+        for _ in 0..90 {
+            let before = machine.firmware.count;
+            // An axis that is stuck or out of travel is no matter of the law.
+            if let Progress::Failed(_) = machine.sample(now, true) {
+                return samples;
+            }
+            let Firmware { profile, count, drive, .. } = &machine.firmware;
+            samples.push(FeedSample {
+                error: profile.set_point() - count,
+                speed: profile.speed(),
+                acceleration: profile.acceleration(),
+                finished: profile.is_finished(),
+                moved: *count != before,
+                drive: *drive,
+            });
+            now += sample;
+        }
+    }
+    samples
+}
+
 #[cfg(test)]
 mod tests {
-    use torno_protocol::time::Span;
-
     use super::*;
 
     const SAMPLE: Span = Span::from_millis(30);

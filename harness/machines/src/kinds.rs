@@ -16,7 +16,7 @@ use torno_slaves::Slide;
 use torno_text::{Complaint, of_toml};
 
 use crate::MACHINES;
-use crate::motor::OnBench;
+use crate::motor::{OnBench, Rehearsal};
 
 /// A board's settings, as part of the text that they were read from.
 pub type Settings<'a> = Spanned<DeValue<'a>>;
@@ -34,6 +34,8 @@ pub struct Kind {
     pub(crate) build: fn(&Settings<'_>, Clock) -> Result<Built, Complaint>,
     /// The motor at this place among such a board's, or why none can be driven freely.
     pub(crate) motor: fn(&Settings<'_>, u8) -> Result<OnBench, Complaint>,
+    /// What the law of the motor at this place does, if it has one that firmware could do, too.
+    pub(crate) rehearsal: fn(&Settings<'_>, u8) -> Result<Option<Rehearsal>, Complaint>,
     /// The carriage of the motor at this place among such a board's; None if it moves none.
     pub(crate) carriage: fn(&Settings<'_>, u8) -> Result<Option<Carriage>, Complaint>,
 }
@@ -147,6 +149,15 @@ pub fn motor(kind: &str, settings: &str, motor: u8) -> Result<OnBench, KindError
 /// [`KindError`] if there is no such kind, or its settings are wrong.
 pub fn carriage(kind: &str, settings: &str, motor: u8) -> Result<Option<Carriage>, KindError> {
     with(kind, settings, |found, settings| (found.carriage)(settings, motor))
+}
+
+/// What the law of the motor at this place does on a board of that kind with these settings (TOML); None if it has no
+/// law in its working form.
+///
+/// # Errors
+/// [`KindError`] if there is no such kind, or its settings are wrong.
+pub fn rehearsal(kind: &str, settings: &str, motor: u8) -> Result<Option<Rehearsal>, KindError> {
+    with(kind, settings, |found, settings| (found.rehearsal)(settings, motor))
 }
 
 pub(crate) fn with<T>(

@@ -1,5 +1,7 @@
 //! A board's motor as seen from its bench: how to drive it, what its encoder counts, what regulates it.
 
+pub use torno_slaves::{FeedLaw, FeedSample, KEPT, Rehearsal, SpeedLaw, SpeedSample};
+
 /// A board's motor on the bench, or in words why it has none that can be driven freely.
 pub type OnBench = Result<Motor, &'static str>;
 
@@ -45,6 +47,8 @@ pub struct Motor {
     pub travel: Option<u32>,
     /// What regulates it.
     pub law: Law,
+    /// The dead time between its drive and it, in s.
+    pub dead_s: f64,
     /// Its law is in one of the forms that show what is wrong in the paper.
     pub printed: Option<Form>,
 }

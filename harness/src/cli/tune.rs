@@ -1,16 +1,17 @@
 //! `torno tune`
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::Context;
 use torno::identify::Method;
-use torno::identify::tune::{Comparison, Tuning};
+use torno::identify::tune::{Code, Comparison, Language, Tuning};
 use torno_identify::design::Structure;
 use torno_plot::Colours;
 
 use super::identify::{Identified, Source};
 use super::options::picture;
+use super::output::{is_output, write_file};
 use super::{draw, print_result};
 
 #[derive(Debug, clap::Args)]
@@ -26,8 +27,11 @@ pub(super) struct Arguments {
     /// Designs several controllers of an axis and shows them side by side: p, pi, pd, pid
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = structure)]
     compare: Vec<Structure>,
-    /// Draws what the rig did, and what was foretold (.svg or .png)
-    #[arg(short = 'o', long, value_name = "FILE", value_parser = picture)]
+    /// Prints the proposed controller as code for a firmware, with test vectors from the board
+    #[arg(long, value_enum, value_name = "LANGUAGE", conflicts_with = "compare")]
+    code: Option<Language>,
+    /// Draws what the rig did, and what was foretold (.svg or .png); with --code, writes the code (.c)
+    #[arg(short = 'o', long, value_name = "FILE", value_parser = destination)]
     plot: Option<PathBuf>,
     /// Prints everything as one line of JSON
     #[arg(long)]
@@ -39,6 +43,15 @@ fn structure(text: &str) -> Result<Structure, String> {
     known.ok_or_else(|| "expected p, pi, pd or pid, with commas between".to_owned())
 }
 
+/// A picture, or a file of C.
+fn destination(text: &str) -> Result<PathBuf, String> {
+    if is_code(Path::new(text)) { Ok(PathBuf::from(text)) } else { picture(text) }
+}
+
+fn is_code(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension == "c")
+}
+
 fn degrees(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(number) if (10.0..=90.0).contains(&number) => Ok(number),
@@ -48,8 +61,23 @@ fn degrees(text: &str) -> Result<f64, String> {
 
 impl Arguments {
     pub(super) async fn run(self) -> anyhow::Result<ExitCode> {
+        let path = self.plot.as_deref();
+        anyhow::ensure!(
+            path.is_none_or(|path| is_output(path) || is_code(path) == self.code.is_some()),
+            "-o {}: expected a name that ends in {}",
+            path.unwrap_or(Path::new("")).display(),
+            if self.code.is_some() { ".c, for code" } else { ".svg or .png; .c is for --code" }
+        );
         let Identified { identification, on_rig } = self.source.identify(self.method).await?;
         let subject = identification.subject.clone();
+        if let Some(language) = self.code {
+            let code = Code::of(&identification, on_rig.as_ref(), self.phase_margin, language).context(subject)?;
+            return match path.filter(|path| !is_output(path) && !self.json) {
+                Some(path) => write_file(path, &code.source),
+                None => print_result(self.json, &code),
+            }
+            .map(|()| ExitCode::SUCCESS);
+        }
         if !self.compare.is_empty() {
             let comparison = Comparison::of(identification, on_rig.as_ref(), self.phase_margin, &self.compare);
             let comparison = comparison.await.context(subject)?;

@@ -222,6 +222,11 @@ impl Subject {
         format!("{}.{name}", self.board)
     }
 
+    /// Its place among the board's motors.
+    pub const fn place(&self) -> u8 {
+        self.place
+    }
+
     /// The place of a quantity of this motor among those of its board.
     pub fn signal(&self, board: &Description, role: Role, unit: Option<&str>) -> Option<u8> {
         board.signal(self.place, role, unit)

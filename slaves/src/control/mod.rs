@@ -7,5 +7,6 @@ mod profile;
 
 pub(crate) use lead::Lead;
 pub(crate) use on_off::OnOff;
+pub use pid::KEPT;
 pub(crate) use pid::{Gains, Pid, STANDS_MS, Sample};
 pub(crate) use profile::Profile;

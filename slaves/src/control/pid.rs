@@ -5,7 +5,7 @@ use crate::settings::PositionForm;
 /// Without a count for so long, an axis stands. (Ours.)
 pub(crate) const STANDS_MS: u32 = 240;
 /// What is kept of what the integral gained while the axis was stuck. (Ours.)
-const KEPT: f64 = 0.25;
+pub const KEPT: f64 = 0.25;
 
 /// The gains: K1 = Kp, K2 = Kp/Ti in 1/s, K3 = Kp·Td in s; LSB of drive per count of error.
 #[derive(Clone, Copy, Debug)]

@@ -91,6 +91,13 @@ choice! {
     }
 }
 
+impl SpindleSettings {
+    /// What a count in a window is, in rpm.
+    pub(crate) fn rpm_per_count(&self) -> f64 {
+        60_000.0 / (f64::from(self.encoder.pulses_per_rev) * f64::from(self.controller.window_ms))
+    }
+}
+
 impl SpindleController {
     /// When it samples.
     pub(crate) const fn timing(&self) -> Timing {

@@ -4,7 +4,8 @@ use torno_dspic::{Dspic, DspicSettings};
 use torno_master::{Master, MasterSettings};
 use torno_protocol::lathe::Slave;
 use torno_slaves::{
-    Depth, DepthSettings, LeadForm, PositionForm, Slide, Spindle, SpindleSettings, Transverse, TransverseSettings,
+    Depth, DepthSettings, LeadForm, PositionForm, Rehearsal, Slide, Spindle, SpindleSettings, Transverse,
+    TransverseSettings,
 };
 
 use crate::kinds::{Carriage, Kind, boxed, read};
@@ -17,6 +18,7 @@ pub(super) const KINDS: [Kind; 5] = [
         settings: MasterSettings::declared,
         build: |settings, clock| Ok(boxed(Master::new(&read(settings, MasterSettings::check)?, clock))),
         motor: |settings, _| read(settings, MasterSettings::check).map(|_| Err(NO_MOTOR)),
+        rehearsal: |_, _| Ok(None),
         carriage: |settings, _| read(settings, MasterSettings::check).map(|_| None),
     },
     Kind {
@@ -27,6 +29,7 @@ pub(super) const KINDS: [Kind; 5] = [
             let settings = read(settings, SpindleSettings::check)?;
             Ok(if motor == 0 { Ok(spindle(&settings)) } else { Err(NO_MOTOR) })
         },
+        rehearsal: |settings, _| Ok(Rehearsal::of_speed(&read(settings, SpindleSettings::check)?)),
         carriage: |settings, _| read(settings, SpindleSettings::check).map(|_| None),
     },
     Kind {
@@ -37,6 +40,7 @@ pub(super) const KINDS: [Kind; 5] = [
             let settings = read(settings, TransverseSettings::check)?;
             Ok(if motor == 0 { Ok(transverse(&settings)) } else { Err(NO_MOTOR) })
         },
+        rehearsal: |settings, _| Ok(Rehearsal::of_feed(&read(settings, TransverseSettings::check)?)),
         carriage: |settings, motor| {
             let settings = read(settings, TransverseSettings::check)?;
             Ok((motor == 0).then(|| feed(&settings)))
@@ -50,6 +54,7 @@ pub(super) const KINDS: [Kind; 5] = [
             let settings = read(settings, DepthSettings::check)?;
             Ok(if motor == 0 { Ok(depth(&settings)) } else { Err(NO_MOTOR) })
         },
+        rehearsal: |_, _| Ok(None),
         carriage: |settings, motor| {
             let settings = read(settings, DepthSettings::check)?;
             Ok((motor == 0).then(|| infeed(&settings)))
@@ -66,6 +71,14 @@ pub(super) const KINDS: [Kind; 5] = [
                 Some(Slave::Transverse) => Ok(transverse(&settings.transverse)),
                 Some(Slave::Depth) => Ok(depth(&settings.depth)),
                 None => Err(NO_MOTOR),
+            })
+        },
+        rehearsal: |settings, motor| {
+            let settings = read(settings, DspicSettings::check)?;
+            Ok(match Slave::ALL.get(usize::from(motor)) {
+                Some(Slave::Spindle) => Rehearsal::of_speed(&settings.spindle),
+                Some(Slave::Transverse) => Rehearsal::of_feed(&settings.transverse),
+                Some(Slave::Depth) | None => None,
             })
         },
         carriage: |settings, motor| {
@@ -87,7 +100,7 @@ fn infeed(settings: &DepthSettings) -> Carriage {
     Carriage { mm_per_count: 1.0 / settings.slots_per_mm(), slide: Some(Slide::new(settings)) }
 }
 
-fn spindle(SpindleSettings { drive, encoder, controller, .. }: &SpindleSettings) -> Motor {
+fn spindle(SpindleSettings { plant, drive, encoder, controller }: &SpindleSettings) -> Motor {
     Motor {
         encoder: Encoder::Window,
         period_ms: controller.window_ms,
@@ -101,6 +114,7 @@ fn spindle(SpindleSettings { drive, encoder, controller, .. }: &SpindleSettings)
             ("controller.beta", controller.beta),
             ("controller.k", controller.k),
         ]),
+        dead_s: plant.dead_ms / 1_000.0,
         printed: (controller.form != LeadForm::Incremental).then_some(Form::Lead),
     }
 }
@@ -121,6 +135,7 @@ fn transverse(settings: &TransverseSettings) -> Motor {
             ("controller.k2", controller.k2),
             ("controller.k3", controller.k3),
         ]),
+        dead_s: settings.plant.dead_ms / 1_000.0,
         printed: match controller.form {
             PositionForm::Pid => None,
             PositionForm::Literal => Some(Form::Pid),
@@ -140,6 +155,7 @@ fn depth(settings: &DepthSettings) -> Motor {
         input_unit: "on",
         travel: Some((settings.plant.travel_mm * settings.slots_per_mm() / 2.0) as u32),
         law: Law::OnOff,
+        dead_s: 0.0,
         printed: None,
     }
 }

@@ -13,6 +13,7 @@ pub(super) const SERVO: Kind = Kind {
     settings: ServoSettings::declared,
     build: |settings, clock| Ok(boxed(Servo::new(&read(settings, ServoSettings::check)?, clock))),
     motor: |settings, _| read(settings, ServoSettings::check).map(|_| Err(NO_ROOM)),
+    rehearsal: |_, _| Ok(None),
     carriage: |settings, motor| {
         let settings = read(settings, ServoSettings::check)?;
         Ok((motor == 0).then(|| Carriage { mm_per_count: 1.0 / settings.counts(1.0), slide: None }))

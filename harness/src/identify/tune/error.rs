@@ -16,6 +16,11 @@ pub enum TuneError {
     /// P, PI, PD and PID are for a position.
     #[error("--compare is for an axis, whose position a PID regulates: the speed of this motor has a lead compensator")]
     NoAxis,
+    /// Nothing can rehearse a controller.
+    #[error(
+        "there is no board that could rehearse this controller: --code needs a motor of a rig, for its test vectors"
+    )]
+    NoRehearsal,
     /// There is no such controller.
     #[error(transparent)]
     Finding(#[from] Finding),

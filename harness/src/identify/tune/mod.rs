@@ -1,5 +1,6 @@
 //! From a motor that is known to a controller for it: proposed, foretold, and shown on the rig.
 
+mod code;
 mod compare;
 mod error;
 mod figure;
@@ -14,6 +15,7 @@ use torno_machines::motor::Law;
 use super::bench::Subject;
 use super::report::Identification;
 use crate::rig::file::RigFile;
+pub use code::{Code, Language};
 pub use compare::{Compared, Comparison};
 pub use error::TuneError;
 pub use forecast::{Controller, Forecast, Indices};
@@ -36,6 +38,9 @@ pub struct Tuning {
     pub form: Option<(String, &'static str)>,
     /// What is to be set, and where, if there is a rig.
     pub settings: Vec<(String, f64)>,
+    /// The dead time of the rig's plant, in s, which the forecasts do not have.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub dead_s: Option<f64>,
     /// What it will do.
     pub forecast: Forecast,
     /// What the rig's own controller does.
@@ -101,6 +106,7 @@ impl Tuning {
             law,
             form,
             settings,
+            dead_s: on_rig.map(|(_, subject)| subject.motor.dead_s).filter(|dead| *dead > 0.0),
             forecast,
             present: None,
             present_finding: None,

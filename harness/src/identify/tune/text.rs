@@ -78,6 +78,23 @@ impl fmt::Display for Tuning {
             let of = |f: &Forecast| f.small_step.as_ref().map(|step| format!("{:.digits$}", number(step)));
             line(name, &of, of_open(number, digits))?;
         }
+        if let Some(dead) = self.dead_s {
+            let of = |name: &str, forecast: &Forecast| {
+                let left = forecast.delay_margin_s.map(|margin| 1e3 * (margin - dead))?;
+                let text = if left > 0.0 {
+                    format!("{left:.0} ms of its delay margin are left")
+                } else {
+                    format!("{:.0} ms beyond its delay margin: unstable", -left)
+                };
+                Some(format!("{name}: {text}"))
+            };
+            let told: Vec<String> =
+                [of("proposed", &self.forecast), present.and_then(|present| of("as it is", present))]
+                    .into_iter()
+                    .flatten()
+                    .collect();
+            writeln!(text, "the plant has {} ms of dead time; {}", short(1e3 * dead), told.join("; "))?;
+        }
         for (name, forecast) in [("proposed", Some(&self.forecast)), ("as it is", present)] {
             let Some(forecast) = forecast else { continue };
             if forecast.crossover_rad_per_s.is_none() {
