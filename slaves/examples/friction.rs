@@ -211,7 +211,8 @@ fn stand() {
             let over = errors[66..].iter().map(|error| -error).max().unwrap().max(0);
             let verdict = if last.abs() <= 1 { "done" } else { "stands off" };
             println!(
-                "{kv:<4} {friction:<9} {load:<6} {settled:.2} s    {over:<10} {last:<6} {most:<8} {verdict:<10} {gives_up}"
+                "{kv:<4} {friction:<9} {load:<6} {settled:.2} s    {over:<10} {last:<6} {most:<8} {verdict:<10} \
+                 {gives_up}"
             );
         }
     }

@@ -1,5 +1,5 @@
-//! What a control law is given and what it gives, sample by sample, on the board's own firmware: for other firmware that
-//! is to do the same.
+//! What a control law is given and what it gives, sample by sample, on the board's own firmware: for other firmware
+//! that is to do the same.
 
 use crate::control::STANDS_MS;
 use crate::settings::{SpindleSettings, TransverseSettings};

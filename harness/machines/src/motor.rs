@@ -47,6 +47,8 @@ pub struct Motor {
     pub travel: Option<u32>,
     /// What regulates it.
     pub law: Law,
+    /// A sample comes so much later than its place on the grid, at most.
+    pub jitter_us: u32,
     /// The dead time between its drive and it, in s.
     pub dead_s: f64,
     /// Its law is in one of the forms that show what is wrong in the paper.

@@ -3,7 +3,7 @@
 use torno_identify::{Data, Finding, Sample, Sensor, prbs};
 use torno_protocol::board::{Description, MotorStimulus, Role};
 use torno_protocol::clock::{Clock, Rate, Ticks};
-use torno_protocol::time::Instant;
+use torno_protocol::time::{Instant, Span};
 
 use super::dac::{Dac, Instrument};
 use crate::rig::Driver;
@@ -284,8 +284,8 @@ impl Subject {
         let count = (seconds * 1_000.0 / f64::from(self.motor.period_ms)).round() as u64;
         let mut points: Vec<Point> = Vec::new();
         for n in BEFORE..=BEFORE + count {
-            // What the board does at the tick itself, and then what it is told.
-            let after = ticks.at(n).next();
+            // What the board does at the tick itself, however late, and then what it is told.
+            let after = (ticks.at(n) + Span::from_micros(u64::from(self.motor.jitter_us))).next();
             session.settle(after, |_| ()).await?;
             let [count, drive] = [counted, driven].map(|signal| session.telemetry().value(self.node, signal));
             if let Some(last) = points.last_mut() {

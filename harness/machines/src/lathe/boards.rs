@@ -114,6 +114,7 @@ fn spindle(SpindleSettings { plant, drive, encoder, controller }: &SpindleSettin
             ("controller.beta", controller.beta),
             ("controller.k", controller.k),
         ]),
+        jitter_us: controller.jitter_us,
         dead_s: plant.dead_ms / 1_000.0,
         printed: (controller.form != LeadForm::Incremental).then_some(Form::Lead),
     }
@@ -135,6 +136,7 @@ fn transverse(settings: &TransverseSettings) -> Motor {
             ("controller.k2", controller.k2),
             ("controller.k3", controller.k3),
         ]),
+        jitter_us: controller.jitter_us,
         dead_s: settings.plant.dead_ms / 1_000.0,
         printed: match controller.form {
             PositionForm::Pid => None,
@@ -155,6 +157,7 @@ fn depth(settings: &DepthSettings) -> Motor {
         input_unit: "on",
         travel: Some((settings.plant.travel_mm * settings.slots_per_mm() / 2.0) as u32),
         law: Law::OnOff,
+        jitter_us: 0,
         dead_s: 0.0,
         printed: None,
     }

@@ -164,8 +164,9 @@ struct History {
     description: Description,
     changes: Vec<(Instant, u8, f64)>,
     replies: Vec<String>,
-    /// The time between samples, in s, and how many there were.
+    /// The time between samples, how late one may be, both in s, and how many there were.
     period: f64,
+    jitter: f64,
     samples: u32,
 }
 
@@ -195,7 +196,14 @@ impl History {
         changes.sort_by_key(|(at, ..)| *at);
         let period = f64::from(subject.motor.period_ms) / 1_000.0;
         let description = session.rig().nodes()[subject.node].description.clone();
-        Ok(Self { description, changes, replies, period, samples: (seconds as f64 / period) as u32 })
+        Ok(Self {
+            description,
+            changes,
+            replies,
+            period,
+            jitter: f64::from(subject.motor.jitter_us) / 1e6,
+            samples: (seconds as f64 / period) as u32,
+        })
     }
 
     /// A quantity as it is at each sample: telemetry tells changes only.
@@ -207,9 +215,11 @@ impl History {
         let place = subject.signal(&self.description, role, unit);
         let mut changes = self.changes.iter().filter(|(_, signal, _)| Some(*signal) == place).peekable();
         let mut value = 0.0;
+        // Later than this sample, and before the next one.
+        let between = 0.5 * (self.period + self.jitter);
         let sample = |n: u32| {
             let t = self.period * f64::from(n);
-            while let Some((_, _, next)) = changes.next_if(|(at, ..)| at.as_secs_f64() <= t + 0.5 * self.period) {
+            while let Some((_, _, next)) = changes.next_if(|(at, ..)| at.as_secs_f64() <= t + between) {
                 value = *next;
             }
             (t, value)

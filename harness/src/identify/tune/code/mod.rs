@@ -74,7 +74,7 @@ impl Code {
         let board = &tuned.boards[subject.node];
         let rehearsal = kinds::rehearsal(&board.kind, &board.settings, subject.place())
             .map_err(|error| TuneError::Settings { board: subject.board.clone(), message: error.to_string() })?;
-        let head = format!("{}: {controller}, every {} ms", motor.subject, 1e3 * period);
+        let head = format!("{}: {controller}, every {} ms", motor.subject, subject.motor.period_ms);
         let (law, vectors, Written { bound_lsb, source }) = match rehearsal.ok_or(TuneError::NoRehearsal)? {
             Rehearsal::Speed(law, samples) => ("lead", samples.len(), lead::written(&law, &samples, &head)),
             Rehearsal::Feed(law, samples) => ("pid", samples.len(), pid::written(&law, &samples, &head)),
