@@ -94,7 +94,7 @@ fn feed_move() {
             let settings = against(&law, friction, load);
             let mut feed = Feed::new(&settings);
             feed.start(step);
-            let (mut path, mut reply, mut replied) = (Vec::new(), None, 0);
+            let (mut path, mut reply, mut replied) = (Vec::new(), None, 0_usize);
             for n in 0..1_500 {
                 path.push(feed.sample());
                 if reply.is_none() {
