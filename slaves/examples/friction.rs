@@ -109,7 +109,7 @@ fn feed_move() {
             let arrives = path.iter().position(|[_, set_point, ..]| *set_point == step.way).unwrap_or(last);
             let out = path[..=last].iter().rposition(|[at, ..]| (at - step.way).abs() > 1).unwrap_or(0);
             let settled = (out < last).then(|| (out + 1).saturating_sub(arrives) as f64 * 0.030);
-            let over = path.iter().map(|[at, ..]| at - step.way).max().unwrap_or(0).max(0);
+            let over = path[..=last].iter().map(|[at, ..]| at - step.way).max().unwrap_or(0).max(0);
             let verdict = match reply {
                 Some(ACK) if out > replied + 34 => "hunts",
                 Some(ACK) => "done",
