@@ -173,7 +173,7 @@ impl fmt::Display for Comparison {
                 })?;
             }
             let friction = format!("with friction of {} %:", 100.0 * self.friction);
-            let moves: [(String, fn(&Compared) -> Option<&Seen>); 2] = [
+            let moves: [(String, Shown); 2] = [
                 (format!("{DISTANCE} counts:"), |one| one.shown.as_ref()),
                 (friction, |one| one.with_friction.as_ref()),
             ];
@@ -195,6 +195,11 @@ impl fmt::Display for Comparison {
         writeln!(text, "{dim}{note}{dim:#}")
     }
 }
+
+/// One of the moves on the rig.
+type Shown = fn(&Compared) -> Option<&Seen>;
+/// Times in s, and what was seen.
+type Points = Vec<(f64, f64)>;
 
 fn step_of(one: &Compared) -> Option<&SmallStep> {
     one.shown.as_ref()?.small_step.as_ref()
@@ -226,7 +231,7 @@ impl Comparison {
         let until = |points: &[(f64, f64)], last: f64| -> Vec<(f64, f64)> {
             points.iter().copied().filter(|(t, _)| *t <= last).collect()
         };
-        let each = |style: Drawn, points: &dyn Fn(&Compared) -> Option<Vec<(f64, f64)>>| -> Vec<Series> {
+        let each = |style: Drawn, points: &dyn Fn(&Compared) -> Option<Points>| -> Vec<Series> {
             let one = |one: &Compared| Some(Series::new(one.name, style, points(one)?));
             self.controllers.iter().filter_map(one).collect()
         };

@@ -29,8 +29,11 @@ impl Identification {
     }
 }
 
+/// A cell of a table of loops.
+type Cell = fn(&Forecast) -> Option<String>;
+
 /// What a table tells of a loop.
-pub(super) const MARGINS: [(&str, fn(&Forecast) -> Option<String>); 5] = [
+pub(super) const MARGINS: [(&str, Cell); 5] = [
     ("crossover, rad/s", |f| f.crossover_rad_per_s.map(|omega| format!("{omega:.2}"))),
     ("phase margin, degrees", |f| f.phase_margin_deg.map(|phase| format!("{phase:.1}"))),
     ("gain margin, dB", |f| f.gain_margin_db.map(|db| format!("{db:.1}"))),
