@@ -14,6 +14,7 @@ mod byhand;
 mod cli;
 mod compare;
 mod ctl;
+mod ears;
 mod errata;
 mod failures;
 mod faults;

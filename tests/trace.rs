@@ -1,5 +1,6 @@
 //! Traces from outside: recorded by `run` and `up`, then printed, exported, repeated and compared.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
 use std::os::unix::fs::PermissionsExt;
@@ -8,6 +9,7 @@ use std::process::{Child, Output, Stdio};
 use std::time::Duration;
 
 use crate::common::{ACK, LONG, NAK, SHORT, Up, XOFF, XON, folder, json, kill, output, torno, wait_until};
+use crate::ears;
 use serde_json::Value;
 use serialport::SerialPort;
 use torno::fault;
@@ -207,12 +209,19 @@ fn what_a_client_and_signals_did_is_repeated_with_the_same_digest() {
     ] {
         assert!(shown.contains(expected), "lacks {expected}:\n{shown}");
     }
-    // What the PC has sent is what it has written, at whatever speed.
+    // A line shows what the master has heard: what the PC has written, until it sets another speed.
     let lines = on(0, &["trace", word(&trace), "--line", "pc_to_master", "--kind", "characters", "--json"]);
     let byte = |line: &str| serde_json::from_str::<Value>(line).unwrap()["byte"].as_u64().unwrap() as u8;
     let bytes: Vec<u8> = stdout(&lines).lines().map(byte).collect();
-    let expected = [&SHORT[..], &SHORT, &SHORT[..5], &SHORT].concat();
+    let expected = [&SHORT[..], &SHORT, &SHORT[..5]].concat();
     assert_eq!(bytes[..expected.len()], expected);
+    let (recording, _) = torno_trace::read(fs::File::open(&trace).unwrap(), RigFile::layout_of).unwrap();
+    let from_pc = |errors: BTreeSet<(u64, String)>| -> Vec<u64> {
+        errors.into_iter().filter(|(_, line)| line == "pc_to_master").map(|(ns, _)| ns).collect()
+    };
+    let errors = from_pc(ears::told(&recording));
+    assert!(!errors.is_empty(), "the master has met none");
+    assert_eq!(errors, from_pc(ears::marked(&recording)));
 }
 
 #[test]
@@ -279,7 +288,7 @@ fn a_client_that_nobody_hears_is_repeated_with_the_same_digest() {
     for n in 1..4 {
         pc.write(&SHORT);
         // What the PC has sent by then stays sent.
-        let arguments = ["trace", word(&trace), "--line", "pc_to_master", "--kind", "characters"];
+        let arguments = ["trace", word(&trace), "--board", "pc", "--kind", "events"];
         wait_until("it is on the line", || stdout(&output(&arguments)).lines().count() == 8 * n);
     }
     end_with(1, up);

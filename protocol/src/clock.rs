@@ -50,7 +50,10 @@ impl Clock {
 }
 
 /// A rate in events per second, as an exact fraction.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+///
+/// Written down, both numbers have 32 bits: ticks at any rate that is read can then be computed with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(from = "(u32, u32)", into = "(u32, u32)")]
 pub struct Rate {
     per: u64,
     seconds: u64,
@@ -70,6 +73,18 @@ impl Rate {
     /// This rate times `n`.
     pub const fn times(self, n: u64) -> Self {
         Self::fraction(self.per.saturating_mul(n), self.seconds)
+    }
+}
+
+impl From<(u32, u32)> for Rate {
+    fn from((per, seconds): (u32, u32)) -> Self {
+        Self::fraction(per.into(), seconds.into())
+    }
+}
+
+impl From<Rate> for (u32, u32) {
+    fn from(Rate { per, seconds }: Rate) -> Self {
+        [per, seconds].map(|n| u32::try_from(n).unwrap_or(u32::MAX)).into()
     }
 }
 

@@ -5,7 +5,8 @@
 use serde::{Deserialize, Serialize};
 
 use crate::board::Description;
-use crate::clock::Clock;
+use crate::clock::{Clock, Rate};
+use crate::uart::ReceiverKind;
 
 /// The kind of a gateway's UART, which joins the rig to the world outside. No board has it.
 pub const GATEWAY: &str = "pc";
@@ -30,6 +31,10 @@ pub struct BoardLayout {
     pub clock: Clock,
     /// What it consists of.
     pub description: Description,
+    /// The receiver of each port at the start, in the order of the ports; none if that is not known. A trace has them
+    /// behind the layout: those that were written before there were any are still read.
+    #[serde(skip)]
+    pub receivers: Vec<ReceiverKind>,
 }
 
 /// A line of a rig: one direction of a link.
@@ -63,6 +68,13 @@ impl Layout {
     /// Whether a line ends at a gateway's UART, at either end.
     pub fn is_outside(&self, line: &LineLayout) -> bool {
         self.sends_outside(line) || self.boards[line.to.0].is_gateway()
+    }
+
+    /// The receiver at a line's end; a hardware UART at the line's speed if that is not known.
+    pub fn receiver(&self, line: &LineLayout) -> ReceiverKind {
+        let (board, port) = line.to;
+        let known = self.boards[board].receivers.get(usize::from(port)).copied();
+        known.unwrap_or(ReceiverKind::Hardware { baud: Rate::hz(line.baud) })
     }
 
     /// Whether a gateway's UART sends on a line.

@@ -12,6 +12,7 @@ use torno_protocol::record::{Grant, Heard, Report, Timed};
 use torno_protocol::settings::{OutOfRange, Setting};
 use torno_protocol::stepping::{BrokenPromise, Cell, Stepper};
 use torno_protocol::time::Instant;
+use torno_protocol::uart::{Receiver, ReceiverKind};
 use torno_slaves::Slide;
 use torno_text::{Complaint, of_toml};
 
@@ -54,6 +55,9 @@ pub trait Steps: Send {
     /// What the board consists of.
     fn description(&self) -> Description;
 
+    /// The receiver of each of its ports at the start.
+    fn receivers(&self) -> Vec<ReceiverKind>;
+
     /// Takes a grant.
     ///
     /// # Errors
@@ -67,6 +71,10 @@ pub trait Steps: Send {
 impl<B: Board + Send> Steps for Stepper<B> {
     fn description(&self) -> Description {
         self.board().description()
+    }
+
+    fn receivers(&self) -> Vec<ReceiverKind> {
+        self.board().receivers().iter().map(Receiver::kind).collect()
     }
 
     fn grant(&mut self, grant: Grant) -> Result<Report, BrokenPromise> {

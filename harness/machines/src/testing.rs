@@ -18,7 +18,7 @@ pub(crate) fn layout(dialect: &str, pc: &[(&str, &str)], links: &[(&str, &str)])
                 kind => (kind, kinds::build(kind, "", Clock::TRUE).unwrap().description()),
             };
             let (name, kind) = (name.to_owned(), kind.to_owned());
-            layout.boards.push(BoardLayout { name, kind, clock: Clock::TRUE, description });
+            layout.boards.push(BoardLayout { name, kind, clock: Clock::TRUE, description, receivers: Vec::new() });
         }
     }
     let end = |name: &str| (layout.board(name).unwrap(), 0);

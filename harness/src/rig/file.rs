@@ -9,7 +9,7 @@ use torno_protocol::board::{Board as _, Description};
 use torno_protocol::clock::Clock;
 use torno_protocol::layout::{BoardLayout, GATEWAY, Layout, LineLayout};
 use torno_protocol::time::Span;
-use torno_protocol::uart::BITS_PER_CHARACTER;
+use torno_protocol::uart::{BITS_PER_CHARACTER, Receiver, ReceiverKind};
 
 use super::{before, place};
 use crate::text_file::TextError;
@@ -79,6 +79,8 @@ pub struct Board {
     pub settings: String,
     /// What it consists of.
     pub description: Description,
+    /// The receiver of each port.
+    pub receivers: Vec<ReceiverKind>,
     /// Its place is left open for a board by hand, by commands that can wait for one.
     pub awaited: bool,
 }
@@ -368,12 +370,14 @@ fn layout<'a>(gateways: impl Iterator<Item = &'a Gateway> + Clone, boards: &[Boa
         kind: board.kind.clone(),
         clock: board.clock,
         description: board.description.clone(),
+        receivers: board.receivers.clone(),
     };
     let uart = |gateway: &Gateway| BoardLayout {
         name: gateway.name.clone(),
         kind: GATEWAY.to_owned(),
         clock: gateway.clock,
         description: gateway.uart().description(),
+        receivers: gateway.uart().receivers().iter().map(Receiver::kind).collect(),
     };
     let count = boards.len();
     let boards: Vec<BoardLayout> = boards.iter().map(board).chain(gateways.clone().map(uart)).collect();
@@ -428,7 +432,8 @@ fn check_board(raw: RawBoard, settings: &Spanned<DeValue<'_>>, others: &[Board])
         (span, error.to_string())
     })?;
     let settings = toml::to_string(&raw.settings).map_err(|error| (settings.span(), error.to_string()))?;
-    Ok(Board { name, kind, clock, settings, description: stepper.description(), awaited: raw.awaited })
+    let (description, receivers) = (stepper.description(), stepper.receivers());
+    Ok(Board { name, kind, clock, settings, description, receivers, awaited: raw.awaited })
 }
 
 fn check_clock(ppm: &Spanned<f64>) -> Result<Clock, Complaint> {

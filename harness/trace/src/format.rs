@@ -1,9 +1,10 @@
 //! The trace's format: how each part is laid out. See the [module](super) for the whole.
 
 use serde::{Deserialize, Serialize};
-use torno_protocol::layout::Layout;
+use torno_protocol::layout::{BoardLayout, Layout};
 use torno_protocol::line::{Edge, Level};
 use torno_protocol::time::Instant;
+use torno_protocol::uart::ReceiverKind;
 
 use torno_engine::{Disturbance, Fact, Input, InputKind};
 
@@ -68,6 +69,44 @@ impl Header {
             program: program.map(str::to_owned),
             layout,
         }
+    }
+}
+
+/// Appends a header: the header itself, and behind it the receivers of each board's ports.
+pub(super) fn put_header(header: &Header, buffer: Vec<u8>) -> Result<Vec<u8>, postcard::Error> {
+    let receivers: Vec<&[ReceiverKind]> = header.layout.boards.iter().map(|board| &board.receivers[..]).collect();
+    postcard::to_extend(&receivers, postcard::to_extend(header, buffer)?)
+}
+
+/// Reads a header. Without receivers behind it, it is of a trace from before there were any: `today` then gives those
+/// that the same rig has now.
+pub(super) fn header(bytes: &[u8], today: impl Fn(&str, &str) -> Option<(Layout, String)>) -> Option<Header> {
+    let (mut header, rest) = postcard::take_from_bytes::<Header>(bytes).ok()?;
+    if !header.layout.is_sound() {
+        return None;
+    }
+    if rest.is_empty() {
+        take_receivers(&mut header.layout, today(&header.rig, &header.text).map(|(layout, _)| layout).as_ref());
+        return Some(header);
+    }
+    let receivers: Vec<Vec<ReceiverKind>> = postcard::from_bytes(rest).ok()?;
+    let boards = &mut header.layout.boards;
+    let fits = |(board, receivers): (&BoardLayout, &Vec<_>)| {
+        receivers.is_empty() || receivers.len() == board.description.ports.len()
+    };
+    if boards.len() != receivers.len() || !boards.iter().zip(&receivers).all(fits) {
+        return None;
+    }
+    boards.iter_mut().zip(receivers).for_each(|(board, receivers)| board.receivers = receivers);
+    Some(header)
+}
+
+/// Gives each board the receivers that the board of the same name and kind has today.
+pub(super) fn take_receivers(layout: &mut Layout, today: Option<&Layout>) {
+    for board in &mut layout.boards {
+        let same = |other: &&BoardLayout| (&other.name, &other.kind) == (&board.name, &board.kind);
+        let known = today.and_then(|today| today.boards.iter().find(same));
+        board.receivers = known.map_or_else(Vec::new, |known| known.receivers.clone());
     }
 }
 

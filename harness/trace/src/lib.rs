@@ -12,7 +12,8 @@
 //! ```text
 //! file    = magic (89 't' 'o' 'r' 'n' 'o' 0D 0A), version (2 bytes), block...
 //! block   = length of the payload (4 bytes), XXH3-64 of the payload with the block's number as seed (8), payload
-//! payload = 00, header              the first block, and no other: `postcard` of `format::Header`
+//! payload = 00, header              the first block, and no other: `postcard` of `format::Header`, and behind it
+//!                                   for each board a list of `ReceiverKind`, or nothing (older traces)
 //!         | 01, settled (8), entry...    nanoseconds: how far anything had been settled when the block was written
 //!         | 02, end                 the last block: `postcard` of `format::End`
 //! entry   = tag: varint of kind + 8 * number, at: zigzag nanoseconds since the entry before (since 0 in a new block),

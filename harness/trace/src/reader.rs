@@ -46,8 +46,8 @@ pub enum Damage {
 
 /// Reads a trace: what could be read of it, and what is wrong with the rest. Without a good header there is none.
 ///
-/// `layout` gives the layout of a rig from its name and its file's text, which version 3 does not store; and the text
-/// with what it meant then.
+/// `layout` gives the layout of a rig from its name and its file's text, for what an old trace does not store; and the
+/// text with what it meant when version 3 was written.
 ///
 /// # Errors
 /// [`Damage`] if not even the header is good.
@@ -143,9 +143,7 @@ impl<R: Read> Blocks<R> {
         let payload = self.next()?.ok_or(Damage::Truncated { byte })?;
         let header = match payload.split_first() {
             Some((&format::HEADER, rest)) if version == v3::VERSION => v3::header(rest, layout),
-            Some((&format::HEADER, rest)) => {
-                postcard::from_bytes::<Header>(rest).ok().filter(|header| header.layout.is_sound())
-            }
+            Some((&format::HEADER, rest)) => format::header(rest, layout),
             _ => None,
         };
         let what = if version == v3::VERSION { v3::what } else { format::what };
@@ -195,8 +193,9 @@ mod tests {
     use crate::{End, Writer};
     use torno_engine::{Disturbance, Fact, Input, InputKind, Tampering};
     use torno_protocol::board::{Description, Signal};
-    use torno_protocol::clock::Clock;
+    use torno_protocol::clock::{Clock, Rate};
     use torno_protocol::layout::{BoardLayout, GATEWAY, LineLayout};
+    use torno_protocol::uart::ReceiverKind;
 
     fn header() -> Header {
         Header::new(layout(), "", "star", 7, Some("shaft.frames"))
@@ -215,6 +214,7 @@ mod tests {
             kind: if n == 4 { GATEWAY } else { "toy" }.to_owned(),
             clock: Clock::TRUE,
             description: description.clone(),
+            receivers: vec![ReceiverKind::Software { baud: Rate::hz(9600), link: n as u32 }; 4],
         };
         let line = |from: (usize, u8), to: (usize, u8)| LineLayout {
             name: format!("board{}_to_board{}", from.0, to.0),
@@ -437,6 +437,46 @@ mod tests {
         assert!(matches!(read(&inputs_and_end[..]), Ok((_, Some(Damage::Corrupt { .. })))));
         let twice = [&file[..], &file[file.len() - 27..]].concat();
         assert!(matches!(read(&twice[..]), Ok((_, Some(Damage::Corrupt { .. })))));
+    }
+
+    /// A trace of nothing that begins with this header.
+    fn headed(header: &[u8]) -> Vec<u8> {
+        let payload = [&[format::HEADER][..], header].concat();
+        let length = u32::try_from(payload.len()).unwrap().to_le_bytes();
+        let checksum = xxh3_64_with_seed(&payload, 0).to_le_bytes();
+        [&MAGIC[..], &VERSION.to_le_bytes(), &length, &checksum, &payload].concat()
+    }
+
+    #[test]
+    fn a_header_without_receivers_takes_those_of_the_same_rig_today() {
+        let file = headed(&postcard::to_allocvec(&header()).unwrap());
+        let mut today = layout();
+        today.boards[3].kind = "another".to_owned();
+        let (trace, _) =
+            super::read(&file[..], |rig, _| (rig == "star").then(|| (today.clone(), String::new()))).unwrap();
+        let expected = |n: usize| if n == 3 { Vec::new() } else { today.boards[n].receivers.clone() };
+        (0..5).for_each(|n| assert_eq!(trace.header.layout.boards[n].receivers, expected(n), "{n}"));
+        let lines = &trace.header.layout.lines;
+        let hardware = ReceiverKind::Hardware { baud: Rate::hz(9600) };
+        assert_eq!(
+            [1, 4].map(|line| trace.header.layout.receiver(&lines[line])),
+            [ReceiverKind::Software { baud: Rate::hz(9600), link: 0 }, hardware]
+        );
+        let (trace, _) = read(&file).unwrap();
+        assert!(trace.header.layout.boards.iter().all(|board| board.receivers.is_empty()));
+    }
+
+    #[test]
+    fn receivers_that_do_not_fit_the_ports_are_damage() {
+        let with = |receivers: &[Vec<ReceiverKind>]| {
+            let header = postcard::to_allocvec(&header()).unwrap();
+            read(&headed(&[header, postcard::to_allocvec(receivers).unwrap()].concat()))
+        };
+        let kind = ReceiverKind::Hardware { baud: Rate::hz(0) };
+        assert!(with(&vec![vec![kind; 4]; 5]).is_ok() && with(&vec![Vec::new(); 5]).is_ok());
+        for receivers in [vec![vec![kind; 4]; 4], vec![vec![kind; 3]; 5], vec![vec![kind; 5]; 5]] {
+            assert!(matches!(with(&receivers), Err(Damage::Corrupt { .. })), "{receivers:?}");
+        }
     }
 
     #[test]

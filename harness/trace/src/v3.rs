@@ -8,7 +8,7 @@ use torno_protocol::clock::Clock;
 use torno_protocol::layout::{BoardLayout, Layout, LineLayout};
 use torno_protocol::time::{Instant, Span};
 
-use crate::Header;
+use crate::{Header, format};
 
 /// The number of this version.
 pub(crate) const VERSION: u16 = 3;
@@ -115,11 +115,17 @@ pub(crate) fn header(bytes: &[u8], layout: impl Fn(&str, &str) -> Option<(Layout
     let alone = |Board { name, kind, description }| {
         let known = today.iter().flat_map(|layout| &layout.boards).find(|board| board.kind == kind);
         let description = description.with(known.map(|board| &board.description));
-        BoardLayout { name, kind, clock: Clock::TRUE, description }
+        BoardLayout { name, kind, clock: Clock::TRUE, description, receivers: Vec::new() }
     };
     let boards: Vec<BoardLayout> = boards.into_iter().map(alone).collect();
-    let same = today.filter(|layout| is_same(layout, &boards, &lines));
-    let layout = same.unwrap_or_else(|| Layout { boards, lines: lines.into_iter().map(Line::alone).collect() });
+    let layout = match today {
+        Some(today) if is_same(&today, &boards, &lines) => today,
+        today => {
+            let mut layout = Layout { boards, lines: lines.into_iter().map(Line::alone).collect() };
+            format::take_receivers(&mut layout, today.as_ref());
+            layout
+        }
+    };
     Some(Header { torno, rig, text, seed, program, layout })
 }
 

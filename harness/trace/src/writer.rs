@@ -37,7 +37,7 @@ impl<W: Write> Writer<W> {
         file.extend(VERSION.to_le_bytes());
         let mut block = vec![0; PREFIX];
         block.push(format::HEADER);
-        block = postcard::to_extend(header, block).map_err(io::Error::other)?;
+        block = format::put_header(header, block).map_err(io::Error::other)?;
         seal(&mut block, 0)?;
         file.extend(&block);
         output.write_all(&file)?;

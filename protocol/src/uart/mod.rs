@@ -6,12 +6,14 @@
 //! a probability: framing errors, garbled bytes and breaks come out of the waveform and the two ends' clocks.
 
 mod fifo;
+mod kind;
 mod receiver;
 mod transmitter;
 
 use serde::{Deserialize, Serialize};
 
 pub use fifo::Fifo;
+pub use kind::ReceiverKind;
 pub use receiver::{Ear, Receiver};
 pub use transmitter::{Loaded, Transmitter};
 
@@ -86,7 +88,8 @@ impl TickTimer {
 
     /// The receiver of the `n`-th link.
     pub fn receiver(&self, n: u32) -> Receiver {
-        Receiver::software(self.ticks, self.per_bit, Self::latency(n))
+        let kind = ReceiverKind::Software { baud: self.baud, link: n };
+        Receiver::software(kind, self.ticks, self.per_bit, Self::latency(n))
     }
 }
 

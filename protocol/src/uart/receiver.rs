@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::clock::{Clock, Rate, Ticks};
 use crate::line::{Edge, Level, Reader, Waveform};
 use crate::time::{Instant, Span};
-use crate::uart::{BITS_PER_CHARACTER, Character};
+use crate::uart::{BITS_PER_CHARACTER, Character, ReceiverKind};
 
 /// A UART receiver at the end of a line.
 ///
@@ -16,6 +16,7 @@ use crate::uart::{BITS_PER_CHARACTER, Character};
 /// so a line that stays low (a break) gives one character with a framing error and then nothing.
 #[derive(Clone, Debug)]
 pub struct Receiver {
+    kind: ReceiverKind,
     ticks: Ticks,
     /// The lookahead of these ticks. Kept, as it is asked for far more often than they change.
     own_lookahead: Span,
@@ -27,8 +28,6 @@ pub struct Receiver {
     per_bit: u64,
     /// The ticks within a bit cell at which the line is read; the majority wins.
     votes: &'static [u64],
-    /// How many complete characters wait in hardware while the firmware is busy.
-    buffered: bool,
     line: Waveform,
     search_from: Instant,
     attempts: VecDeque<Attempt>,
@@ -77,15 +76,16 @@ impl Receiver {
     /// A hardware receiver at `baud` in `clock`: 16 samples a bit, a majority of the 7th, 8th and 9th, a two-deep FIFO.
     pub fn hardware(baud: Rate, clock: Clock) -> Self {
         let ticks = Ticks::new(Instant::START, baud.times(16), clock);
-        Self::new(ticks, Span::ZERO, 16, &[7, 8, 9], true)
+        Self::new(ReceiverKind::Hardware { baud }, ticks, Span::ZERO, 16, &[7, 8, 9])
     }
 
-    pub(super) fn software(ticks: Ticks, per_bit: u64, latency: Span) -> Self {
-        Self::new(ticks, latency, per_bit, &[1], false)
+    pub(super) fn software(kind: ReceiverKind, ticks: Ticks, per_bit: u64, latency: Span) -> Self {
+        Self::new(kind, ticks, latency, per_bit, &[1])
     }
 
-    fn new(ticks: Ticks, latency: Span, per_bit: u64, votes: &'static [u64], buffered: bool) -> Self {
+    fn new(kind: ReceiverKind, ticks: Ticks, latency: Span, per_bit: u64, votes: &'static [u64]) -> Self {
         let mut receiver = Self {
+            kind,
             ticks,
             own_lookahead: Span::ZERO,
             older: Vec::new(),
@@ -93,7 +93,6 @@ impl Receiver {
             latency,
             per_bit,
             votes,
-            buffered,
             line: Waveform::idle(),
             search_from: Instant::START,
             attempts: VecDeque::new(),
@@ -108,6 +107,7 @@ impl Receiver {
     pub fn replace_by(&mut self, other: &Self, now: Instant) {
         self.attempts.clear();
         self.search_from = now;
+        self.kind = other.kind;
         self.tune(other.ticks, now);
         self.follow_up();
     }
@@ -142,9 +142,14 @@ impl Receiver {
         self.attempts.front().is_none_or(|first| first.fall >= tuning.before)
     }
 
+    /// What kind of receiver it is.
+    pub const fn kind(&self) -> ReceiverKind {
+        self.kind
+    }
+
     /// Whether characters are received by hardware while the firmware does not run.
     pub const fn is_buffered(&self) -> bool {
-        self.buffered
+        self.kind.is_buffered()
     }
 
     /// Hears edges, in order. The receiver is not tuned again before the first of them.
@@ -467,8 +472,11 @@ mod tests {
 
     #[test]
     fn it_is_buffered_if_it_is_hardware() {
-        let timer = TickTimer::new(BAUD, Clock::TRUE);
-        assert!(Receiver::hardware(BAUD, Clock::TRUE).is_buffered() && !timer.receiver(0).is_buffered());
+        let (hardware, software) =
+            (Receiver::hardware(BAUD, Clock::TRUE), TickTimer::new(BAUD, Clock::TRUE).receiver(2));
+        assert!(hardware.is_buffered() && !software.is_buffered());
+        let kinds = [ReceiverKind::Hardware { baud: BAUD }, ReceiverKind::Software { baud: BAUD, link: 2 }];
+        assert_eq!([hardware.kind(), software.kind()], kinds);
     }
 
     #[test]
