@@ -15,7 +15,7 @@ use torno::recorder::Recorder;
 use torno::replay::replay;
 use torno::rig::Driver;
 use torno::rig::file::RigFile;
-use torno::scenario::{self, Scenario};
+use torno::scenario::{self, Keep, Scenario};
 use torno::servo::{Controller, Gain, RigLine};
 use torno_engine::{Input, InputKind};
 use torno_protocol::board::{Capability, MotorStimulus, Stimulus};
@@ -320,7 +320,7 @@ fn steps() -> impl Strategy<Value = String> {
 }
 
 fn scenario_told(outcome: &scenario::Outcome) -> String {
-    let scenario::Outcome { failures, digest, end, replies } = outcome;
+    let scenario::Outcome { failures, digest, end, replies, .. } = outcome;
     let failures: Vec<_> = failures.iter().map(|failure| (&failure.expected, &failure.came, failure.at)).collect();
     format!("{digest} at {end}, {replies:?}, {failures:?}")
 }
@@ -329,7 +329,8 @@ fn scenario_told(outcome: &scenario::Outcome) -> String {
 fn recorded(scenario: &Scenario, driver: &Driver, path: &Path) -> Result<(scenario::Outcome, Trace), String> {
     let header = scenario.file.header(&scenario.rig, scenario.seed, None);
     let recorder = Recorder::begin(path, Recorder::open(path).unwrap(), &header).unwrap();
-    let outcome = block_on(scenario::record(scenario, driver, Some(recorder))).map_err(|error| error.to_string())?;
+    let outcome =
+        block_on(scenario::record(scenario, driver, Keep::Recording(recorder))).map_err(|error| error.to_string())?;
     let (trace, damage) = torno_trace::read(File::open(path).unwrap(), RigFile::layout_of).unwrap();
     assert!(damage.is_none(), "{damage:?}");
     Ok((outcome, trace))

@@ -35,6 +35,23 @@ fn the_table_has_a_row_for_each_combination_and_counts_every_seed() {
     assert!([1, 3].iter().all(|row| rows[*row][3..] == ["0", "5", "0", "0"]), "{csv}");
 }
 
+/// Retries can hide a line error from the verdict.
+#[test]
+fn line_errors_are_counted_if_that_is_asked_for_whatever_the_verdict() {
+    let folder = folder();
+    let sweep = ["sweep", CLOCK, "--line-errors", "--vary", "master.clock_ppm=0,-37000,-50000"];
+    let csv = text(&[&sweep[..], &["--csv"]].concat());
+    let rows: Vec<Vec<&str>> = csv.lines().map(|line| line.split(',').collect()).collect();
+    assert_eq!(rows[0].last(), Some(&"line errors"));
+    let errors = |row: usize| rows[row][6].parse::<u64>().unwrap();
+    assert_eq!((rows[1][2], errors(1)), ("1", 0), "{csv}");
+    assert!(rows[2][2] == "1" && errors(2) > 0, "{csv}");
+    assert!(rows[3][2] == "0" && errors(3) > errors(2), "{csv}");
+    let files = shards(folder.path(), "errors", &sweep, 2);
+    let whole = merged(&files.iter().map(String::as_str).collect::<Vec<_>>());
+    assert_eq!(String::from_utf8(whole.stdout).unwrap(), csv);
+}
+
 #[test]
 fn the_demonstration_can_be_swept() {
     let frames = |text: &str| -> Vec<String> {

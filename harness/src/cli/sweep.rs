@@ -9,7 +9,7 @@ use anyhow::Context;
 use torno::observe::stderr::say;
 use torno::report::Bar;
 use torno::rig::Driver;
-use torno::scenario::{Tested, in_order, run_one, seed_text, shell_word};
+use torno::scenario::{Keep, Tested, in_order, run_one, seed_text, shell_word};
 use torno::session::INTERRUPTED as ENDED;
 use torno::sweep::{Grid, Job, Run, Scene, Shard, Table, Variation, Verdict, Whole, merge, shrink};
 
@@ -39,6 +39,9 @@ pub(super) struct Arguments {
     /// Puts the results of all shards (of --json) into one table
     #[arg(long, conflicts_with_all = ["seeds", "vary", "jobs"])]
     merge: bool,
+    /// Counts line errors, too: the characters that a receiver has got with an error
+    #[arg(long, conflicts_with = "merge")]
+    line_errors: bool,
     /// Prints the table as CSV
     #[arg(long, conflicts_with = "json")]
     csv: bool,
@@ -62,6 +65,7 @@ struct Work {
     grid: Grid,
     sweep: Whole,
     threads: usize,
+    line_errors: bool,
     json: bool,
     bar: Bar,
     so_far: Mutex<SoFar>,
@@ -98,6 +102,7 @@ impl Arguments {
             path: path.display().to_string(),
             sweep: Whole { files: scene.digest(), seeds, vary, runs: grid.runs() },
             threads: self.jobs.map_or_else(processors, usize::from),
+            line_errors: self.line_errors,
             json: self.json,
             bar: Bar::of_scenarios(grid.ours()),
             so_far: Mutex::default(),
@@ -176,19 +181,23 @@ impl Work {
         }
     }
 
-    fn test(&self, job: &Job) -> anyhow::Result<Tested> {
+    /// What came of a run, and how many line errors it had, if they are counted.
+    fn test(&self, job: &Job) -> anyhow::Result<(Tested, Option<u64>)> {
         let scenario = self.scene.with(&job.values, job.seed)?;
-        Ok(run_one(&self.path, &scenario, &Driver::InProcess, None)?)
+        let keep = if self.line_errors { Keep::Trace } else { Keep::Nothing };
+        let mut tested = run_one(&self.path, &scenario, &Driver::InProcess, keep)?;
+        let errors = tested.outcome.trace.take().map(|trace| trace.line_errors());
+        Ok((tested, errors))
     }
 
     /// Takes note of what came of a run.
-    fn see(&self, job: Job, tested: anyhow::Result<Tested>) -> ControlFlow<()> {
+    fn see(&self, job: Job, tested: anyhow::Result<(Tested, Option<u64>)>) -> ControlFlow<()> {
         let mut so_far = self.so_far();
         if so_far.over {
             return ControlFlow::Break(());
         }
-        let noted = tested.and_then(|tested| {
-            let run = record(&self.sweep, &job, &tested);
+        let noted = tested.and_then(|(tested, line_errors)| {
+            let run = Run { line_errors, ..record(&self.sweep, &job, &tested) };
             if self.json {
                 self.bar.suspend(|| print_run(&run))?;
             }
@@ -223,6 +232,7 @@ fn record(sweep: &Whole, job: &Job, tested: &Tested) -> Run {
         verdict: Verdict::of(outcome),
         failure: outcome.first_failure().map(|f| format!("expected {}, came {}", f.expected, f.came)),
         digest: outcome.digest.to_string(),
+        line_errors: None,
     }
 }
 
@@ -233,7 +243,7 @@ fn why(scene: &Scene, job: &Job, tested: &Tested) -> anyhow::Result<String> {
         let without: Vec<String> = all.iter().filter(|fault| !faults.contains(fault)).cloned().collect();
         // Without its faults there may be nothing left in it.
         let Ok(scenario) = scene.without(&without).with(&job.values, job.seed) else { return Ok(false) };
-        Ok(Verdict::of(&run_one(&tested.path, &scenario, &Driver::InProcess, None)?.outcome).is_failure())
+        Ok(Verdict::of(&run_one(&tested.path, &scenario, &Driver::InProcess, Keep::Nothing)?.outcome).is_failure())
     };
     let needed = shrink(&all, fails)?;
     let faults =

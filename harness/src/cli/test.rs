@@ -11,7 +11,7 @@ use torno::observe::stderr::say;
 use torno::recorder::Recorder;
 use torno::report::Bar;
 use torno::rig::Driver;
-use torno::scenario::{Attempt, Broken, Scenario, TestReport, Verdict, in_order, run_one, seed_text};
+use torno::scenario::{Attempt, Broken, Keep, Scenario, TestReport, Verdict, in_order, run_one, seed_text};
 use torno::session::INTERRUPTED as ENDED;
 
 use super::options::Placement;
@@ -176,7 +176,8 @@ impl Work {
             Err(error) => return broken(error, USAGE),
         };
         let recorder = self.recorder.lock().unwrap_or_else(PoisonError::into_inner).take();
-        match run_one(path, scenario, &self.driver, recorder) {
+        let keep = recorder.map_or(Keep::Nothing, Keep::Recording);
+        match run_one(path, scenario, &self.driver, keep) {
             Ok(tested) => (Attempt::Tested(tested), None),
             Err(error) => {
                 let error = error.into();

@@ -6,8 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use super::Tested;
-use super::{Scenario, record};
-use crate::recorder::Recorder;
+use super::{Keep, Scenario, record};
 use crate::rig::{Driver, RigError};
 use crate::session::{SessionError, in_process};
 
@@ -57,20 +56,15 @@ pub fn in_order<R: Send>(
     });
 }
 
-/// Runs one, from a file of this name, and records it if that is wanted. Where boards are processes, not to be called
+/// Runs one, from a file of this name, and keeps of it what is wanted. Where boards are processes, not to be called
 /// from within a runtime.
 ///
 /// # Errors
 /// [`SessionError`] if the rig itself breaks, or the recording cannot go on.
 #[expect(clippy::disallowed_methods, reason = "how long a scenario takes is told beside its result")]
-pub fn run_one(
-    path: &str,
-    scenario: &Scenario,
-    driver: &Driver,
-    recorder: Option<Recorder>,
-) -> Result<Tested, SessionError> {
+pub fn run_one(path: &str, scenario: &Scenario, driver: &Driver, keep: Keep) -> Result<Tested, SessionError> {
     let started = std::time::Instant::now();
-    let session = record(scenario, driver, recorder);
+    let session = record(scenario, driver, keep);
     let outcome = match driver {
         Driver::InProcess => in_process(session)?,
         Driver::Processes { .. } | Driver::ByHand { .. } => {

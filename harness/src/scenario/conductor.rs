@@ -13,6 +13,7 @@ use crate::rig::{Driver, Rig};
 use crate::session::{Exchange, Happened, Session, SessionError};
 use torno_engine::{Fact, Hit, Limit, NodeId, REACTION, WatchId};
 use torno_machines::workpiece::ToolPath;
+use torno_trace::Trace;
 
 /// The first step takes place so long after the rig has started.
 const BEGIN: Span = Span::from_millis(10);
@@ -32,6 +33,18 @@ pub struct Outcome {
     pub end: Instant,
     /// What the PC heard.
     pub replies: Vec<String>,
+    /// Everything that happened, if that was kept.
+    pub trace: Option<Trace>,
+}
+
+/// What is kept of a run beside its outcome.
+pub enum Keep {
+    /// Nothing.
+    Nothing,
+    /// A recording.
+    Recording(Recorder),
+    /// Everything, in [`Outcome::trace`].
+    Trace,
 }
 
 /// What a scenario has shown.
@@ -81,15 +94,15 @@ impl Outcome {
 /// # Errors
 /// [`SessionError`] if the rig itself breaks.
 pub async fn run(scenario: &Scenario, driver: &Driver) -> Result<Outcome, SessionError> {
-    record(scenario, driver, None).await
+    record(scenario, driver, Keep::Nothing).await
 }
 
-/// The same, and records it.
+/// The same, and keeps something of it.
 ///
 /// # Errors
 /// [`SessionError`] if the rig itself breaks, or the recording cannot go on.
-pub async fn record(scenario: &Scenario, driver: &Driver, recorder: Option<Recorder>) -> Result<Outcome, SessionError> {
-    conduct(scenario, driver, recorder, None).await
+pub async fn record(scenario: &Scenario, driver: &Driver, keep: Keep) -> Result<Outcome, SessionError> {
+    conduct(scenario, driver, keep, None).await
 }
 
 /// The same as [`run`], no further than `slice` at once. Nothing may depend on it: this is how that is proved.
@@ -97,18 +110,20 @@ pub async fn record(scenario: &Scenario, driver: &Driver, recorder: Option<Recor
 /// # Errors
 /// [`SessionError`] if the rig itself breaks.
 pub async fn run_in_slices(scenario: &Scenario, driver: &Driver, slice: Span) -> Result<Outcome, SessionError> {
-    conduct(scenario, driver, None, Some(slice)).await
+    conduct(scenario, driver, Keep::Nothing, Some(slice)).await
 }
 
 async fn conduct(
     scenario: &Scenario,
     driver: &Driver,
-    recorder: Option<Recorder>,
+    keep: Keep,
     slice: Option<Span>,
 ) -> Result<Outcome, SessionError> {
     let mut session = Session::start(&scenario.file, driver, scenario.file.pc.uart()).await?.quiet();
-    if let Some(recorder) = recorder {
-        session.record(recorder);
+    match keep {
+        Keep::Nothing => {}
+        Keep::Recording(recorder) => session.record(recorder),
+        Keep::Trace => session.keep(scenario.file.header(&scenario.rig, scenario.seed, None)),
     }
     let mut conductor = Conductor { slice, ..Conductor::new(scenario, session) };
     conductor.begin();
@@ -476,7 +491,8 @@ impl<'a> Conductor<'a> {
         }
         self.check_part(passed);
         let ended = self.session.close(Verdict::of(&self.failures).name())?;
-        Ok(Outcome { failures: self.failures, digest: ended.end.digest, end: self.now, replies: self.replies })
+        let (digest, trace) = (ended.end.digest, ended.trace);
+        Ok(Outcome { failures: self.failures, digest, end: self.now, replies: self.replies, trace })
     }
 
     /// Lets everything happen until the rig is quiet, but nothing after `limit`. Says when that is.

@@ -14,7 +14,7 @@ pub mod prose;
 mod tested;
 
 pub use batch::{in_order, run_one};
-pub use conductor::{Outcome, Verdict, record, run, run_in_slices};
+pub use conductor::{Keep, Outcome, Verdict, record, run, run_in_slices};
 pub use failure::Failure;
 pub use file::ScenarioError;
 pub use part::{AsAsked, Diameter, PartExpected};

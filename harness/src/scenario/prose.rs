@@ -23,7 +23,7 @@ use std::error::Error;
 use serde::Serialize;
 use toml::{Table, Value};
 
-use super::{Outcome, Scenario, ScenarioError, run_one};
+use super::{Keep, Outcome, Scenario, ScenarioError, run_one};
 use crate::rig::Driver;
 use crate::scenario::{Tested, seed_text};
 
@@ -202,7 +202,7 @@ impl Prose {
     }
 
     fn tested(&self) -> Result<Tested, Box<dyn Error>> {
-        Ok(run_one(&self.name, &self.scenario()?, &Driver::InProcess, None)?)
+        Ok(run_one(&self.name, &self.scenario()?, &Driver::InProcess, Keep::Nothing)?)
     }
 
     /// Runs it; what does not hold fails the test that calls this, and is explained.

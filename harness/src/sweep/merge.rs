@@ -134,7 +134,8 @@ mod tests {
     fn run(number: u64) -> (String, Run) {
         let (scenario, digest, values) = ("s".to_owned(), String::new(), Vec::new());
         let (verdict, seed) = (Verdict::Passed, number % 3);
-        let run = Run { sweep: whole(), number, scenario, values, seed, verdict, failure: None, digest };
+        let run =
+            Run { sweep: whole(), number, scenario, values, seed, verdict, failure: None, digest, line_errors: None };
         (format!("file:{number}"), run)
     }
 

@@ -31,6 +31,9 @@ pub struct Run {
     pub failure: Option<String>,
     /// The digest.
     pub digest: String,
+    /// How many characters a receiver has got with an error, if they were counted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub line_errors: Option<u64>,
 }
 
 /// One command does so many runs at the most: half an hour's, at 500 a second.

@@ -44,8 +44,17 @@ impl Verdict {
 #[derive(Clone, Debug, Default)]
 pub struct Table {
     columns: Vec<String>,
-    rows: Vec<(Vec<String>, [u64; 4])>,
+    rows: Vec<Row>,
     places: BTreeMap<Vec<String>, usize>,
+}
+
+/// The counts of one combination of values.
+#[derive(Clone, Debug)]
+struct Row {
+    values: Vec<String>,
+    verdicts: [u64; 4],
+    /// The line errors of all its runs, if they were counted in each.
+    line_errors: Option<u64>,
 }
 
 impl Table {
@@ -64,32 +73,38 @@ impl Table {
             None => {
                 self.columns = run.values.iter().map(|(path, _)| path.clone()).collect();
                 self.places.insert(values.clone(), self.rows.len());
-                self.rows.push((values, [0; 4]));
+                self.rows.push(Row { values, verdicts: [0; 4], line_errors: Some(0) });
                 self.rows.len() - 1
             }
         };
-        self.rows[row].1[run.verdict as usize] += 1;
+        let row = &mut self.rows[row];
+        row.verdicts[run.verdict as usize] += 1;
+        row.line_errors = row.line_errors.zip(run.line_errors).map(|(sum, more)| sum + more);
     }
 
     /// Whether each combination of values has passed at least once, and none has failed.
     pub fn passed(&self) -> bool {
-        self.rows.iter().all(|(_, [passed, told, untold, _])| *passed > 0 && told + untold == 0)
+        self.rows.iter().all(|Row { verdicts: [passed, told, untold, _], .. }| *passed > 0 && told + untold == 0)
     }
 
     fn cells(&self, verdicts: usize) -> Vec<Vec<String>> {
         let heads = ["runs", "passed", "told", "untold", "inconclusive"].map(str::to_owned);
-        let head = self.columns.iter().cloned().chain(heads.into_iter().take(1 + verdicts)).collect();
-        let row = |(values, counts): &(Vec<String>, [u64; 4])| {
+        let counted = self.rows.iter().any(|row| row.line_errors.is_some());
+        let last = counted.then(|| "line errors".to_owned());
+        let head = self.columns.iter().cloned().chain(heads.into_iter().take(1 + verdicts)).chain(last).collect();
+        let row = |Row { values, verdicts: counts, line_errors }: &Row| {
             let total = counts.iter().sum::<u64>();
-            values.iter().cloned().chain([total].iter().chain(&counts[..verdicts]).map(u64::to_string)).collect()
+            let errors = counted.then(|| line_errors.map_or_else(|| "-".to_owned(), |errors| errors.to_string()));
+            let counts = [total].into_iter().chain(counts[..verdicts].iter().copied());
+            values.iter().cloned().chain(counts.map(|count| count.to_string())).chain(errors).collect()
         };
         core::iter::once(head).chain(self.rows.iter().map(row)).collect()
     }
 
     /// Aligned, for people. `told`: something failed and the PC heard of it; `untold`: it did not. The column
-    /// `inconclusive` stands there if there is something in it.
+    /// `inconclusive` stands there if there is something in it, the column `line errors` if they were counted.
     pub fn text(&self) -> String {
-        let inconclusive = self.rows.iter().any(|(_, counts)| counts[Verdict::Inconclusive as usize] > 0);
+        let inconclusive = self.rows.iter().any(|row| row.verdicts[Verdict::Inconclusive as usize] > 0);
         let cells = self.cells(if inconclusive { 4 } else { 3 });
         let columns = cells.first().map_or(0, Vec::len);
         let width = |column: usize| cells.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
@@ -118,7 +133,7 @@ mod tests {
         let (scenario, digest) = ("s".to_owned(), String::new());
         let values = vec![("fault.x.value".to_owned(), value.to_owned())];
         let sweep = Whole { files: String::new(), seeds: 3, vary: Vec::new(), runs: 3 };
-        Run { sweep, number: 0, scenario, values, seed: 0, verdict, failure: None, digest }
+        Run { sweep, number: 0, scenario, values, seed: 0, verdict, failure: None, digest, line_errors: None }
     }
 
     #[test]
@@ -129,6 +144,16 @@ mod tests {
         assert_eq!(table.text().lines().nth(1), Some("          1 %     2       1     0       1"));
         let table = Table::new(&[&runs[..], &[run("2 %", Verdict::Inconclusive)]].concat());
         assert_eq!(table.text().lines().nth(2), Some("          2 %     2       0     1       0             1"));
+    }
+
+    #[test]
+    fn line_errors_are_summed_where_every_run_has_counted_them() {
+        let run = |value, line_errors| Run { line_errors, ..run(value, Verdict::Passed) };
+        let table = Table::new(&[run("1 %", Some(2)), run("1 %", Some(3)), run("2 %", Some(4)), run("2 %", None)]);
+        let expected =
+            "fault.x.value,runs,passed,told,untold,inconclusive,line errors\n1 %,2,2,0,0,0,5\n2 %,2,2,0,0,0,-\n";
+        assert_eq!(table.csv(), expected);
+        assert_eq!(table.text().lines().nth(1), Some("          1 %     2       2     0       0            5"));
     }
 
     #[test]

@@ -84,4 +84,10 @@ impl Trace {
         ears.note(&self.inputs, &self.facts);
         ears.hear(Instant::NEVER)
     }
+
+    /// How many characters a receiver has got with an error.
+    pub fn line_errors(&self) -> u64 {
+        let bad = |heard: &&LineCharacter| heard.character.ok().is_none() && heard.at < self.until();
+        self.characters().iter().filter(bad).count() as u64
+    }
 }
