@@ -11,8 +11,8 @@ use crate::control::{Answer, Begun, BoardState, Call, Control, Done, FaultState,
 use crate::fault::{Planned, RawFault};
 use crate::pace::Pace;
 use crate::session::{EndedBoard, SessionError};
-use torno_bus::Names;
-use torno_engine::{Fact, Input, InputKind};
+use torno_bus::{Ears, Names};
+use torno_engine::{Fact, Input};
 use torno_text::{Complaint, Dice, nearest, of_toml, parse_span};
 use torno_trace::Header;
 use torno_trace::analyser::Analyser;
@@ -27,8 +27,8 @@ pub(super) struct Steering {
     header: Header,
     names: Names,
     watchers: Vec<Watcher>,
-    /// The speed and the oscillators that have been set: who begins to watch must know them.
-    tuned: Vec<Input>,
+    /// They know how the receivers are by now, and hear no edges: who begins to watch begins with them.
+    ears: Ears,
     /// Where time is to stand still, and who waits for that.
     stepping: Option<(Instant, Answer)>,
     /// So many faults have been asked for.
@@ -51,10 +51,10 @@ impl Steering {
     pub(super) fn new(control: Control, header: Header, names: Names) -> Self {
         Self {
             control,
+            ears: Ears::new(&header.layout),
             header,
             names,
             watchers: Vec::new(),
-            tuned: Vec::new(),
             stepping: None,
             asked: 0,
             put_off: None,
@@ -63,14 +63,10 @@ impl Steering {
 
     /// Takes note of what came from outside and of what happened.
     pub(super) fn note(&mut self, inputs: &[Input], facts: &[Fact]) {
-        for input in inputs {
-            if let InputKind::Stimulus { board, stimulus: Stimulus::Configure { .. } | Stimulus::Clock(_) } = input.what
-            {
-                // A UART takes no `Clock` from outside, so there is one input a board at the most.
-                let of_board = |other: &Input| matches!(other.what, InputKind::Stimulus { board: b, .. } if b == board);
-                self.tuned.retain(|other| !of_board(other));
-                self.tuned.push(input.clone());
-            }
+        self.ears.note(inputs, &[]);
+        if let Some(last) = inputs.last() {
+            // What was settled when it came is over: it need not be kept.
+            self.ears.hear(last.given);
         }
         self.watchers.iter_mut().for_each(|watcher| watcher.analyser.note(inputs, facts));
     }
@@ -111,8 +107,7 @@ impl Steering {
             return Err(format!("{WATCHERS_MAX} watch already: expected no more"));
         }
         let filter = Filter::new(&self.header, wanted).map_err(|error| error.to_string())?;
-        let mut analyser = Analyser::new(&self.header, filter, torno_machines::dialect);
-        analyser.note(&self.tuned, &[]);
+        let mut analyser = Analyser::new(&self.header, filter, torno_machines::dialect).with_ears(&self.ears);
         // That was before anybody watched.
         analyser.take(wanted.from);
         self.watchers.push(Watcher { analyser, form, rows });

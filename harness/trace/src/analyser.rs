@@ -33,6 +33,12 @@ impl Analyser {
         Self { header: header.clone(), filter, lines, rows: Vec::new() }
     }
 
+    /// The same with ears that have heard of what came before.
+    #[must_use]
+    pub fn with_ears(self, ears: &Ears) -> Self {
+        Self { lines: self.lines.map(|(_, readers)| (ears.clone(), readers)), ..self }
+    }
+
     /// Takes note of what came from outside and of what happened.
     pub fn note(&mut self, inputs: &[Input], facts: &[Fact]) {
         self.rows.extend(inputs.iter().map(|input| Row::of_input(&self.header, input)));
