@@ -3,6 +3,7 @@
 
 #[cfg(feature = "echo")]
 mod echo;
+mod grbl;
 pub mod kinds;
 mod lathe;
 pub mod motor;
@@ -31,6 +32,7 @@ pub struct Machine {
 const MACHINES: &[&Machine] = &[
     &lathe::MACHINE,
     &servo::MACHINE,
+    &grbl::MACHINE,
     #[cfg(feature = "echo")]
     &echo::MACHINE,
 ];

@@ -19,6 +19,6 @@ mod stock;
 
 pub use finding::{Finding, Severity};
 pub use place::Side;
-pub use plan::{Plan, Planned, Planner, Report, Settings, plan};
+pub use plan::{Plan, Planned, Planner, Report, Settings, Standing, plan};
 pub use scale::{Feed, Infeed, Scale};
 pub use stock::Stock;

@@ -34,6 +34,11 @@ impl Slide {
         Self { slot: 0, sense: 0, zero: start, mm_per_slot: infeed.mm_per_slot, short: infeed.short() }
     }
 
+    /// Where it has been sent to a slot in that sense.
+    pub(crate) const fn standing(self, slot: i64, sense: i64) -> Self {
+        Self { slot, sense, ..self }
+    }
+
     /// The radius at which the tool stands.
     pub(crate) fn x(&self) -> f64 {
         self.zero + self.mm_per_slot * self.slots()

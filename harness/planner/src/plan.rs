@@ -71,6 +71,17 @@ pub struct Report {
     pub stock: Option<Stock>,
 }
 
+/// Where the tool stands, as its boards count.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Standing {
+    /// Counts of the axis along the bar, from the start.
+    pub count: i64,
+    /// The slot that the slide across it was sent to last, from the start.
+    pub slot: i64,
+    /// The sense in which it came there: 1, −1, or 0 before the first move.
+    pub sense: i64,
+}
+
 /// A cut that is under way.
 #[derive(Clone, Debug)]
 struct Cut {
@@ -198,6 +209,26 @@ impl Planner {
             Kind::Plane(_) | Kind::Coolant { .. } => {}
             Kind::End => self.end(line),
         }
+    }
+
+    /// At a place where the tool stands already.
+    pub fn standing(settings: Settings, at: Standing) -> Self {
+        let mut planner = Self::new(settings);
+        planner.count = at.count;
+        planner.slide = planner.slide.standing(at.slot, at.sense);
+        let Settings { scale, start, .. } = &planner.settings;
+        planner.at = Place { z: start.z + scale.feed.mm_per_count * at.count as f64, x: planner.slide.x() };
+        planner
+    }
+
+    /// Where the program is, in mm.
+    pub const fn place(&self) -> Place {
+        self.at
+    }
+
+    /// Nothing follows for now: what could be joined with what follows is given away. [`Planner::poll`] gave none.
+    pub const fn flush(&mut self) {
+        self.merge.end();
     }
 
     /// Nothing follows.

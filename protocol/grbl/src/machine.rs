@@ -3,14 +3,17 @@
 use torno_protocol::time::Instant;
 
 use crate::code::Alarm;
+use crate::memory::Axes;
 use crate::modal::Spindle;
 use crate::steps::Rate;
 
-/// A straight motion, in whole steps from the machine's zero.
+/// A straight motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Move {
-    /// Where it ends.
+    /// Where it ends, in whole steps from the machine's zero.
     pub to: [i32; 3],
+    /// The same as it was asked for, mm.
+    pub place: Axes,
     /// How fast it goes.
     pub rate: Rate,
 }

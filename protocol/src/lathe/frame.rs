@@ -148,6 +148,18 @@ impl Frame {
         })
     }
 
+    /// A frame with the main motor at so many units that moves the feed by counts, at a speed, and the infeed by slots;
+    /// either way. Whoever does not move has no speed.
+    ///
+    /// # Errors
+    /// A speed that is out of range.
+    pub fn moving(spindle: u8, counts: i32, speed: u8, slots: i32) -> Result<Self, Refusal> {
+        let bytes = |way: i32| (way.unsigned_abs().min(u32::from(u16::MAX)) as u16).to_be_bytes();
+        let ([high, low], [depth_high, depth_low]) = (bytes(counts), bytes(slots));
+        let speed = if counts == 0 { 0 } else { speed };
+        Self::parse([spindle, speed, high, low, u8::from(counts < 0), depth_high, depth_low, u8::from(slots < 0)])
+    }
+
     /// The bytes on the wire.
     pub fn emit(&self) -> [u8; LENGTH] {
         let mut bytes = [0; LENGTH];

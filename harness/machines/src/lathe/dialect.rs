@@ -122,8 +122,9 @@ impl Lines {
     fn new(layout: &Layout) -> Self {
         let kind = |board: usize| layout.boards[board].kind.as_str();
         let role = |line: &LineLayout| match (kind(line.from.0), kind(line.to.0)) {
-            (GATEWAY, _) => Role::Frames,
-            (_, GATEWAY) => Role::Replies,
+            // A controller takes the PC's place.
+            (GATEWAY | "grbl", _) => Role::Frames,
+            (_, GATEWAY | "grbl") => Role::Replies,
             ("master", to) => slave(to).map_or(Role::Unknown, Role::SubFrames),
             (from, "master") => slave(from).map_or(Role::Unknown, Role::Answers),
             _ => Role::Unknown,

@@ -215,7 +215,7 @@ impl<M: Machine> Controller<M> {
             self.start(now);
             return Pushed::Full;
         }
-        self.machine.push(Move { to: self.steps(line.to), rate: line.rate });
+        self.machine.push(Move { to: self.steps(line.to), place: line.to, rate: line.rate });
         if is_jog && self.state == State::Idle && self.machine.has_motions() {
             self.state = State::Jog;
             self.machine.start(now, self.overrides);

@@ -1,0 +1,188 @@
+//! The board: the controller between the PC's UART and the machine's.
+
+use std::collections::VecDeque;
+
+use torno_grbl::Abilities;
+use torno_grbl::controller::Controller;
+use torno_grbl::memory::Memory;
+use torno_grbl::state::State;
+use torno_protocol::board::{Board, Capability, Deadline, Description, Input, Output, Role, Signal, Stimulus};
+use torno_protocol::clock::{Clock, Rate};
+use torno_protocol::lathe;
+use torno_protocol::time::{Instant, Span};
+use torno_protocol::uart::{Character, Receiver, Transmitter};
+
+use crate::lathe::Lathe;
+use crate::settings::GrblSettings;
+
+/// The PC's port.
+const USB: u8 = 0;
+/// The machine's port.
+const MACHINE: u8 = 1;
+/// The speed of the PC's line.
+const USB_RATE: Rate = Rate::hz(115_200);
+/// X and Z move; the main motor turns one way.
+const ABILITIES: Abilities = Abilities { axes: [true, false, true], counterclockwise: false };
+
+/// The events.
+#[derive(Clone, Copy)]
+enum Event {
+    Lost,
+    Early,
+    LineError,
+}
+
+impl Event {
+    const TEXTS: [&str; 3] =
+        ["the receive buffer is full: {} is lost", "{} comes before the banner and is lost", "line error on port {}"];
+}
+
+/// The board.
+#[derive(Clone, Debug)]
+pub struct Grbl {
+    clock: Clock,
+    boot: Span,
+    /// It says who it is then, and hears nothing before.
+    boots_until: Option<Instant>,
+    controller: Controller<Lathe>,
+    usb: Transmitter,
+    machine: Transmitter,
+    state: State,
+    /// The instant of the last call.
+    now: Instant,
+    outputs: VecDeque<Output>,
+}
+
+impl Grbl {
+    /// The board as at power-on.
+    pub fn new(settings: &GrblSettings, clock: Clock) -> Self {
+        let memory = Memory::new(settings.firmware());
+        let boot = Span::from_millis(u64::from(settings.boot_ms));
+        Self {
+            clock,
+            boot,
+            boots_until: Some(Instant::START + clock.span(boot)),
+            controller: Controller::new(memory, ABILITIES, Lathe::new(settings)),
+            usb: Transmitter::hardware(USB_RATE, clock),
+            machine: Transmitter::hardware(lathe::RATE, clock),
+            state: State::Idle,
+            now: Instant::START,
+            outputs: VecDeque::new(),
+        }
+    }
+
+    fn restart(&mut self, now: Instant) {
+        self.usb.clear();
+        self.machine.clear();
+        self.outputs.extend([USB, MACHINE].map(|port| Output::Cut { port }));
+        self.controller.machine_mut().restart(now);
+        self.boots_until = Some(now + self.clock.span(self.boot));
+    }
+
+    fn event(&mut self, event: Event, value: u8) {
+        self.outputs.push_back(Output::Event { event: event as u8, value: i64::from(value) });
+    }
+
+    fn hear(&mut self, now: Instant, port: u8, character: Character) {
+        let Some(byte) = character.ok() else { return self.event(Event::LineError, port) };
+        match (port, self.boots_until) {
+            (USB, Some(_)) => self.event(Event::Early, byte),
+            (USB, None) => {
+                if !self.controller.receive(now, byte) {
+                    self.event(Event::Lost, byte);
+                }
+            }
+            _ => self.controller.machine_mut().hear(now, byte),
+        }
+    }
+
+    /// Does what is due, and loads the transmitters.
+    fn proceed(&mut self, now: Instant) {
+        self.now = now;
+        match self.boots_until {
+            Some(until) if until > now => {}
+            Some(_) => {
+                self.boots_until = None;
+                self.controller.power_on(now);
+            }
+            None => {
+                self.controller.machine_mut().step(now);
+                self.controller.run(now);
+            }
+        }
+        if self.usb.poll_timeout().is_none()
+            && let Some(byte) = self.controller.poll_transmit(now)
+        {
+            self.usb.push(byte);
+        }
+        while let Some(byte) = self.controller.machine_mut().poll_byte() {
+            self.machine.push(byte);
+        }
+        for (port, transmitter) in [(USB, &mut self.usb), (MACHINE, &mut self.machine)] {
+            if let Some(loaded) = transmitter.load(now) {
+                self.outputs.push_back(Output::Character { port, edges: loaded.edges, end: loaded.end });
+            }
+        }
+        // One more waits while the last one is on the line.
+        if self.usb.poll_timeout().is_none()
+            && let Some(byte) = self.controller.poll_transmit(now)
+        {
+            self.usb.push(byte);
+        }
+        let state = self.controller.state();
+        if state != self.state {
+            self.state = state;
+            self.outputs.push_back(Output::Telemetry { signal: 0, value: state as i64 });
+        }
+    }
+}
+
+impl Board for Grbl {
+    fn description(&self) -> Description {
+        Description {
+            ports: vec!["usb".to_owned(), "machine".to_owned()],
+            signals: vec![Signal::new("state", State::Idle as i64).with_role(Role::State)],
+            events: Event::TEXTS.map(str::to_owned).to_vec(),
+            capabilities: vec![Capability::Reset],
+            ..Description::default()
+        }
+    }
+
+    fn receivers(&self) -> Vec<Receiver> {
+        vec![Receiver::hardware(USB_RATE, self.clock), Receiver::hardware(lathe::RATE, self.clock)]
+    }
+
+    fn handle_input(&mut self, now: Instant, input: Input) {
+        match input {
+            Input::Character { port, character } => self.hear(now, port, character),
+            Input::Stimulus(Stimulus::Reset | Stimulus::Power(_)) => self.restart(now),
+            Input::Stimulus(Stimulus::Clock(clock)) => {
+                self.clock = clock;
+                self.usb.retune(USB_RATE, clock);
+                self.machine.retune(lathe::RATE, clock);
+            }
+            Input::Stimulus(_) => {}
+        }
+        self.proceed(now);
+    }
+
+    fn handle_timeout(&mut self, now: Instant) {
+        self.proceed(now);
+    }
+
+    fn poll_output(&mut self) -> Option<Output> {
+        self.outputs.pop_front()
+    }
+
+    fn poll_timeout(&self) -> Option<Deadline> {
+        let at = |at: Option<Instant>, why| at.map(|at| Deadline { at, why });
+        let all = [
+            at(self.boots_until, "the banner"),
+            at(self.controller.poll_timeout(), "a line goes on"),
+            at(self.controller.machine().poll_timeout(self.now), "the machine may be told"),
+            at(self.usb.poll_timeout(), "the next character to the PC"),
+            at(self.machine.poll_timeout(), "the next character to the machine"),
+        ];
+        all.into_iter().flatten().min_by_key(|deadline| deadline.at)
+    }
+}

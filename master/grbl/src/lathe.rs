@@ -1,0 +1,517 @@
+//! The lathe as the controller's machine: motions become frames, and one frame after the other is done.
+
+use std::collections::VecDeque;
+
+use torno_gcode::{Feed, Kind, Motion, Place, Sense, Speed};
+use torno_grbl::code::Alarm;
+use torno_grbl::machine::{Machine, Move, Overrides, Progress};
+use torno_grbl::{Rate, Spindle};
+use torno_planner::{Planner, Scale, Side, Standing};
+use torno_protocol::lathe::{FRAME_GAP, Fault, Frame, Party, Reply, ReplyDecoder, Slave, TransverseSubFrame};
+use torno_protocol::time::{Instant, Span};
+
+use crate::settings::GrblSettings;
+
+/// X, Y, Z.
+const X: usize = 0;
+const Z: usize = 2;
+/// A unit of the main motor's speed, rpm.
+const RPM: f32 = 20.0;
+/// A frame that the master has refused is sent again so often: noise may have spoilt it. (Ours.)
+const TRIES: u32 = 3;
+/// The planner turns its spindle, so that everything can be cut: the board's own is the controller's.
+const TURNS: Kind = Kind::Spindle { sense: Sense::Clockwise, speed: Speed::Constant(1_000.0) };
+
+/// What it is doing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Mode {
+    /// Motions wait for a start.
+    #[default]
+    Stands,
+    Runs,
+    /// It stands after the frame that is under way.
+    Holds,
+    /// It looks for the end of an axis, and goes back a little.
+    Homes(Homing),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Homing {
+    Seek(usize),
+    Return(usize),
+    End,
+}
+
+/// How far a frame goes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Way {
+    slots: i32,
+    counts: i32,
+    /// Units of the feed.
+    speed: u8,
+}
+
+/// A frame that the master has.
+#[derive(Clone, Copy, Debug)]
+struct Flight {
+    way: Way,
+    since: Instant,
+    tries: u32,
+    /// A slave has failed with it: it is not done, but over.
+    failed: bool,
+}
+
+/// The lathe.
+#[derive(Clone, Debug)]
+pub(crate) struct Lathe {
+    scale: Scale,
+    blocks: usize,
+    /// What the homed axes go back, mm.
+    pull_off: f64,
+    hold: Span,
+    jog: Span,
+    mode: Mode,
+    /// What is left to do; the first one is in the planner if a motion is under way.
+    motions: VecDeque<Move>,
+    planner: Planner,
+    under_way: bool,
+    /// What is left of a frame that would take too long, or was refused.
+    rest: Option<Way>,
+    /// How often the next frame has been refused.
+    tries: u32,
+    overrides: Overrides,
+    flight: Option<Flight>,
+    /// Where it stands, and where the controller's zero is.
+    at: Standing,
+    zero: [i64; 2],
+    /// Units of the main motor: as asked for, and as told.
+    spindle: u8,
+    told: u8,
+    /// No frame before.
+    quiet_until: Instant,
+    ends: [bool; 3],
+    replies: ReplyDecoder,
+    to_send: VecDeque<u8>,
+    progress: VecDeque<Progress>,
+}
+
+impl Lathe {
+    pub(crate) fn new(settings: &GrblSettings) -> Self {
+        let scale = settings.scale();
+        let seconds = |s: f64| Span::from_nanos((s * 1e9) as u64);
+        Self {
+            scale,
+            blocks: settings.blocks as usize,
+            pull_off: 1.0,
+            hold: seconds(settings.hold_s),
+            jog: seconds(settings.jog_s),
+            mode: Mode::Stands,
+            motions: VecDeque::new(),
+            planner: planner(scale, Standing::default()),
+            under_way: false,
+            rest: None,
+            tries: 0,
+            overrides: Overrides::default(),
+            flight: None,
+            at: Standing::default(),
+            zero: [0; 2],
+            spindle: 0,
+            told: 0,
+            quiet_until: Instant::START,
+            ends: [false; 3],
+            replies: ReplyDecoder::default(),
+            to_send: VecDeque::new(),
+            progress: VecDeque::new(),
+        }
+    }
+
+    /// The board restarts: nothing of it knows where the machine is.
+    pub(crate) fn restart(&mut self, now: Instant) {
+        self.forget(now);
+        self.flight = None;
+        self.zero = [self.at.slot, self.at.count];
+        self.replies = ReplyDecoder::default();
+        self.to_send.clear();
+        self.progress.clear();
+        (self.spindle, self.told) = (0, 0);
+        self.quiet_until = now + FRAME_GAP;
+        self.replan();
+    }
+
+    /// Takes the next byte for the master.
+    pub(crate) fn poll_byte(&mut self) -> Option<u8> {
+        self.to_send.pop_front()
+    }
+
+    /// When [`step`](Self::step) is to be called.
+    pub(crate) fn poll_timeout(&self, now: Instant) -> Option<Instant> {
+        (self.quiet_until > now && self.flight.is_none() && self.has_something()).then_some(self.quiet_until)
+    }
+
+    fn has_something(&self) -> bool {
+        self.mode != Mode::Stands || self.spindle != self.told
+    }
+
+    /// A byte has come from the master.
+    pub(crate) fn hear(&mut self, now: Instant, byte: u8) {
+        for reply in self.replies.push(byte) {
+            match reply {
+                Reply::Xon => self.done(now),
+                Reply::Nak(_) => self.refused(now),
+                Reply::Can(party, fault) => self.failed(now, party, fault),
+                Reply::Ack | Reply::Xoff | Reply::Unknown(_) => {}
+            }
+        }
+        self.step(now);
+    }
+
+    /// The frame is done, or over.
+    fn done(&mut self, now: Instant) {
+        let Some(flight) = self.flight.take() else { return };
+        if flight.failed {
+            self.quiet_until = now + FRAME_GAP;
+            return;
+        }
+        self.advance(flight.way);
+        if self.mode == Mode::Stands && !self.has_motions() {
+            // It was forgotten, and has gone on by itself.
+            self.replan();
+            self.progress.push_back(Progress::Finished);
+        }
+    }
+
+    /// The carriage and the slide have gone so far.
+    fn advance(&mut self, way: Way) {
+        self.at.count += i64::from(way.counts);
+        self.at.slot += i64::from(way.slots);
+        if way.slots != 0 {
+            self.at.sense = i64::from(way.slots.signum());
+        }
+    }
+
+    /// The frame was refused: nothing of it is done.
+    fn refused(&mut self, now: Instant) {
+        let Some(Flight { way, tries, .. }) = self.flight.take() else { return };
+        self.quiet_until = now + FRAME_GAP;
+        if tries == TRIES {
+            return self.fail(Alarm::Aborted);
+        }
+        let rest = self.rest.unwrap_or_default();
+        self.tries = tries + 1;
+        self.rest = Some(Way {
+            slots: way.slots + rest.slots,
+            counts: way.counts + rest.counts,
+            speed: way.speed.max(rest.speed),
+        });
+    }
+
+    fn failed(&mut self, now: Instant, party: Party, fault: Fault) {
+        let homing = match self.mode {
+            Mode::Homes(Homing::Seek(axis)) => Some(axis),
+            _ => None,
+        };
+        let axis = match party {
+            Party::Slave(Slave::Depth) => Some(X),
+            Party::Slave(Slave::Transverse) => Some(Z),
+            _ => None,
+        };
+        self.advance(self.moved(now));
+        if let Some(flight) = &mut self.flight {
+            flight.failed = true;
+        }
+        if fault == Fault::EndOfTravel && homing.is_some() && homing == axis {
+            self.mode = Mode::Homes(Homing::Return(axis.unwrap_or_default()));
+            return;
+        }
+        if let (Fault::EndOfTravel, Some(axis)) = (fault, axis) {
+            self.ends[axis] = true;
+        }
+        self.fail(match fault {
+            Fault::EndOfTravel | Fault::Stalled => Alarm::HardLimit,
+            Fault::NoAnswer | Fault::Garbled | Fault::Restarted => Alarm::Aborted,
+        });
+    }
+
+    fn fail(&mut self, alarm: Alarm) {
+        self.mode = Mode::Stands;
+        self.progress.push_back(Progress::Failed(alarm));
+    }
+
+    fn replan(&mut self) {
+        self.planner = planner(self.scale, self.at);
+        self.under_way = false;
+        self.rest = None;
+    }
+
+    /// Goes on, if nothing is under way.
+    pub(crate) fn step(&mut self, now: Instant) {
+        if self.flight.is_some() || now < self.quiet_until {
+            return;
+        }
+        if self.spindle != self.told {
+            return self.send(now, Way::default());
+        }
+        match self.mode {
+            Mode::Stands => {}
+            Mode::Holds => {
+                self.mode = Mode::Stands;
+                self.progress.push_back(Progress::Held);
+            }
+            Mode::Runs => match self.next_frame() {
+                Some(way) => self.send(now, way),
+                None => {
+                    self.mode = Mode::Stands;
+                    self.progress.push_back(Progress::Finished);
+                }
+            },
+            Mode::Homes(homing) => self.home_on(now, homing),
+        }
+    }
+
+    /// The next frame of the motions, as long as it may take.
+    fn next_frame(&mut self) -> Option<Way> {
+        let way = match self.rest.take() {
+            Some(way) => way,
+            None => self.planned()?,
+        };
+        let jogs = self.motions.front().is_some_and(|motion| matches!(motion.rate, Rate::Jog(_)));
+        let longest = if jogs { self.jog } else { self.hold };
+        let now = self.part(way, longest);
+        let rest = Way { slots: way.slots - now.slots, counts: way.counts - now.counts, speed: way.speed };
+        self.rest = Some(rest).filter(|rest| (rest.slots, rest.counts) != (0, 0));
+        Some(now)
+    }
+
+    /// The next frame of the plan.
+    fn planned(&mut self) -> Option<Way> {
+        loop {
+            let planned = self.planner.poll().or_else(|| {
+                self.planner.flush();
+                self.planner.poll()
+            });
+            if let Some(planned) = planned {
+                // A frame for the planner's own spindle moves nothing.
+                if let Some(way) = Some(way_of(&planned.frame)).filter(|way| (way.slots, way.counts) != (0, 0)) {
+                    return Some(way);
+                }
+                continue;
+            }
+            if core::mem::take(&mut self.under_way) {
+                self.motions.pop_front();
+            }
+            let motion = *self.motions.front()?;
+            self.under_way = true;
+            self.plan(&motion);
+        }
+    }
+
+    fn plan(&mut self, motion: &Move) {
+        let zero = self.zero_place();
+        let to = Place {
+            x: f64::from(motion.place[X]) + zero.x,
+            z: f64::from(motion.place[Z]) + zero.z,
+            ..Place::default()
+        };
+        let from = self.planner.place();
+        let length = ((to.x - from.x).powi(2) + (to.z - from.z).powi(2)).sqrt();
+        let kind = match motion.rate {
+            Rate::Rapid => Kind::Rapid { to },
+            Rate::Feed(feed) | Rate::Jog(feed) => Kind::Feed { to, feed: self.feed(f64::from(feed)) },
+            Rate::PerMinute(part) => Kind::Feed { to, feed: self.feed(f64::from(part) * length) },
+        };
+        self.planner.take(&Motion { line: 0, kind });
+    }
+
+    /// A feed that the machine has.
+    fn feed(&self, mm_per_min: f64) -> Feed {
+        Feed::PerMinute(mm_per_min.max(self.scale.feed.unit()))
+    }
+
+    fn zero_place(&self) -> Place {
+        let [slot, count] = self.zero;
+        Place {
+            x: slot as f64 * self.scale.infeed.mm_per_slot,
+            z: count as f64 * self.scale.feed.mm_per_count,
+            ..Place::default()
+        }
+    }
+
+    /// What of a frame can be done in that time.
+    fn part(&self, way: Way, longest: Span) -> Way {
+        let speed = self.overridden(way.speed);
+        let seconds = longest.as_nanos() as f64 / 1e9;
+        let counts = (seconds / self.scale.feed.sample_s * f64::from(speed)).max(1.0) as i32;
+        let slots = (seconds * self.slots_per_s()).max(1.0) as i32;
+        Way { slots: way.slots.clamp(-slots, slots), counts: way.counts.clamp(-counts, counts), speed }
+    }
+
+    fn slots_per_s(&self) -> f64 {
+        self.scale.infeed.mm_per_s / self.scale.infeed.mm_per_slot.abs()
+    }
+
+    /// The speed of a frame with the operator's change of it.
+    fn overridden(&self, units: u8) -> u8 {
+        let percent = match self.motions.front().map(|motion| motion.rate) {
+            Some(Rate::Rapid) => self.overrides.rapid,
+            Some(Rate::Feed(_) | Rate::PerMinute(_)) => self.overrides.feed,
+            Some(Rate::Jog(_)) | None => 100,
+        };
+        let units = (u32::from(units) * u32::from(percent) + 50) / 100;
+        units.clamp(1, u32::from(TransverseSubFrame::SPEED_MAX)) as u8
+    }
+
+    fn send(&mut self, now: Instant, way: Way) {
+        let Ok(frame) = Frame::moving(self.spindle, way.counts, way.speed, way.slots) else {
+            return self.fail(Alarm::Aborted);
+        };
+        self.told = self.spindle;
+        self.to_send.extend(frame.emit());
+        let tries = core::mem::take(&mut self.tries);
+        self.flight = Some(Flight { way, since: now, tries, failed: false });
+        self.ends = [false; 3];
+    }
+
+    fn home_on(&mut self, now: Instant, homing: Homing) {
+        let along = |axis: usize, way: i32| {
+            let (slots, counts) = if axis == X { (way, 0) } else { (0, way) };
+            Way { slots, counts, speed: TransverseSubFrame::SPEED_MAX }
+        };
+        match homing {
+            Homing::Seek(axis) => {
+                let outward = if self.mm_per_step(axis) > 0.0 { 1 } else { -1 };
+                let way = self.part(along(axis, outward * i32::from(u16::MAX)), self.hold);
+                self.send(now, way);
+            }
+            Homing::Return(axis) => {
+                // The end is the axis's zero.
+                let (zero, at) = if axis == X { (0, self.at.slot) } else { (1, self.at.count) };
+                self.zero[zero] = at;
+                let back = (-self.pull_off / self.mm_per_step(axis)).round() as i32;
+                self.send(now, along(axis, back));
+                self.mode = Mode::Homes(if axis == X { Homing::Seek(Z) } else { Homing::End });
+            }
+            Homing::End => {
+                self.mode = Mode::Stands;
+                self.replan();
+                self.progress.push_back(Progress::Homed);
+            }
+        }
+    }
+
+    const fn mm_per_step(&self, axis: usize) -> f64 {
+        if axis == X { self.scale.infeed.mm_per_slot } else { self.scale.feed.mm_per_count }
+    }
+
+    /// How far the frame under way has got, as its profile says.
+    fn moved(&self, now: Instant) -> Way {
+        let Some(Flight { way, since, .. }) = self.flight.filter(|flight| !flight.failed) else {
+            return Way::default();
+        };
+        let seconds = now.since(since).as_nanos() as f64 / 1e9;
+        let counted = (seconds / self.scale.feed.sample_s * f64::from(way.speed)) as i32;
+        let slid = (seconds * self.slots_per_s()) as i32;
+        Way {
+            slots: way.slots.signum() * slid.min(way.slots.abs()),
+            counts: way.counts.signum() * counted.min(way.counts.abs()),
+            speed: way.speed,
+        }
+    }
+}
+
+impl Machine for Lathe {
+    fn room(&self) -> usize {
+        self.blocks - self.motions.len().min(self.blocks)
+    }
+
+    fn has_motions(&self) -> bool {
+        !self.motions.is_empty()
+    }
+
+    fn push(&mut self, motion: Move) {
+        self.motions.push_back(motion);
+    }
+
+    fn start(&mut self, now: Instant, overrides: Overrides) {
+        self.overrides = overrides;
+        self.mode = Mode::Runs;
+        self.step(now);
+    }
+
+    fn hold(&mut self, now: Instant) {
+        self.mode = Mode::Holds;
+        self.step(now);
+    }
+
+    fn forget(&mut self, _: Instant) {
+        self.motions.clear();
+        self.mode = Mode::Stands;
+        self.replan();
+    }
+
+    fn home(&mut self, now: Instant) {
+        self.mode = Mode::Homes(Homing::Seek(X));
+        self.step(now);
+    }
+
+    fn spindle(&mut self, now: Instant, sense: Spindle, rpm: f32) {
+        self.spindle = match sense {
+            Spindle::Off => 0,
+            Spindle::Clockwise | Spindle::Counterclockwise => (rpm / RPM).round() as u8,
+        };
+        self.step(now);
+    }
+
+    fn override_by(&mut self, _: Instant, overrides: Overrides) {
+        self.overrides = overrides;
+    }
+
+    fn position(&self, now: Instant) -> [i32; 3] {
+        let moved = self.moved(now);
+        let sign = |axis: usize| if self.mm_per_step(axis) < 0.0 { -1 } else { 1 };
+        let x = (self.at.slot + i64::from(moved.slots) - self.zero[0]) * sign(X);
+        let z = (self.at.count + i64::from(moved.counts) - self.zero[1]) * sign(Z);
+        [x as i32, 0, z as i32]
+    }
+
+    fn rate(&self, _: Instant) -> f32 {
+        let Some(flight) = &self.flight else { return 0.0 };
+        match flight.way {
+            Way { slots: 0, counts: 0, .. } => 0.0,
+            Way { slots: 0, speed, .. } => (f64::from(speed) * self.scale.feed.unit()) as f32,
+            _ => (self.scale.infeed.mm_per_s * 60.0) as f32,
+        }
+    }
+
+    fn ends(&self) -> [bool; 3] {
+        self.ends
+    }
+
+    fn poll_progress(&mut self) -> Option<Progress> {
+        self.progress.pop_front()
+    }
+}
+
+/// A planner at that place; places are those of the machine.
+fn planner(scale: Scale, at: Standing) -> Planner {
+    let settings = torno_planner::Settings {
+        scale,
+        start: Default::default(),
+        side: Side::Middle,
+        bore: false,
+        optimise: false,
+        stock: None,
+        frames_max: u64::MAX - 1,
+    };
+    let mut planner = Planner::standing(settings, at);
+    planner.take(&Motion { line: 0, kind: TURNS });
+    planner
+}
+
+/// How far a frame goes.
+fn way_of(Frame { transverse, depth, .. }: &Frame) -> Way {
+    Way {
+        slots: depth.direction().sign() as i32 * i32::from(depth.distance()),
+        counts: transverse.direction().sign() as i32 * i32::from(transverse.distance()),
+        speed: transverse.speed(),
+    }
+}

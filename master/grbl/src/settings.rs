@@ -1,0 +1,97 @@
+//! The settings of the board.
+
+use torno_grbl::memory::Settings;
+use torno_planner::{Feed, Infeed, Scale};
+use torno_protocol::settings;
+
+settings! {
+    /// The board's settings in the rig file. What the machine is like must be what its boards are: the defaults are
+    /// those of the built-in lathe.
+    pub struct GrblSettings {
+        /// The time from a reset to the banner.
+        boot_ms: u32 = 300, 0..=10_000, "ms", "ours";
+        /// How many motions the planner holds.
+        blocks: u32 = 15, 1..=1_000, "", "GRBL 1.1h";
+        /// A frame takes no longer than this, so that a hold does not.
+        hold_s: f64 = 5.0, 0.1..=1_000.0, "s", "ours";
+        /// A frame of a jog takes no longer than this.
+        jog_s: f64 = 1.0, 0.1..=1_000.0, "s", "ours";
+        /// The axis across the bar: X.
+        x: XSettings;
+        /// The axis along the bar: Z.
+        z: ZSettings;
+        /// The main motor.
+        spindle: SpindleRange;
+    }
+}
+
+settings! {
+    /// The axis across the bar.
+    pub struct XSettings {
+        /// The slots of its encoder in a mm.
+        slots_per_mm: f64 = 5.625, 0.001..=100_000.0, "1/mm", "§4";
+        /// Its only speed.
+        mm_per_min: f64 = 16.0, 0.001..=100_000.0, "mm/min", "§4";
+        /// It goes so much further than the edge at which it stops, in slots.
+        overrun_slots: f64 = 0.0825, 0.0..=1.0, "slots", "ours";
+        /// Its travel.
+        travel_mm: f64 = 160.0, 1.0..=100_000.0, "mm", "§4";
+    }
+}
+
+settings! {
+    /// The axis along the bar.
+    pub struct ZSettings {
+        /// The counts of its encoder in a mm.
+        counts_per_mm: f64 = 450.0, 0.001..=100_000.0, "1/mm", "§3.2";
+        /// Its sampling period.
+        sample_ms: f64 = 30.0, 1.0..=1_000.0, "ms", "§3.2";
+        /// How fast it gains speed.
+        mm_per_s2: f64 = 7.407, 0.001..=100_000.0, "mm/s2", "ours";
+        /// Its travel.
+        travel_mm: f64 = 160.0, 1.0..=100_000.0, "mm", "ours";
+    }
+}
+
+settings! {
+    /// What the main motor can do.
+    pub struct SpindleRange {
+        /// Its highest speed.
+        most_rpm: u32 = 4_000, 20..=5_100, "rpm", "§3.1";
+        /// Its lowest speed.
+        least_rpm: u32 = 200, 20..=5_100, "rpm", "§3.1";
+    }
+}
+
+impl GrblSettings {
+    /// What the numbers in a frame are worth. The ends of travel are the machine's to find.
+    pub(crate) fn scale(&self) -> Scale {
+        let feed = Feed {
+            mm_per_count: 1.0 / self.z.counts_per_mm,
+            sample_s: self.z.sample_ms / 1_000.0,
+            reach: i64::from(i32::MAX),
+        };
+        let infeed = Infeed {
+            mm_per_slot: 1.0 / self.x.slots_per_mm,
+            mm_per_s: self.x.mm_per_min / 60.0,
+            overrun: self.x.overrun_slots,
+            reach: i64::from(i32::MAX),
+        };
+        Scale { feed, infeed }
+    }
+
+    /// The firmware's settings for this machine; Y is as the firmware has it.
+    pub(crate) fn firmware(&self) -> Settings {
+        let mut settings = Settings::default();
+        settings.steps_per_mm[0] = self.x.slots_per_mm as f32;
+        settings.steps_per_mm[2] = self.z.counts_per_mm as f32;
+        settings.max_rate[0] = self.x.mm_per_min as f32;
+        settings.max_rate[2] = self.scale().feed.most() as f32;
+        settings.acceleration[2] = self.z.mm_per_s2 as f32;
+        settings.max_travel[0] = self.x.travel_mm as f32;
+        settings.max_travel[2] = self.z.travel_mm as f32;
+        settings.set_real(30, self.spindle.most_rpm as f32);
+        settings.set_real(31, self.spindle.least_rpm as f32);
+        settings
+    }
+}
