@@ -24,6 +24,8 @@ pub(super) struct Gateway {
     /// The place of the gateway in the rig file, and the number of its UART.
     place: usize,
     node: NodeId,
+    /// The board that restarts when the port is opened.
+    restarts: Option<NodeId>,
     /// For people.
     name: String,
     pub(super) port: PcPort,
@@ -49,7 +51,20 @@ impl Gateway {
         let name = if gateway.name == GATEWAY { "PC".to_owned() } else { gateway.name.clone() };
         let supply = Vec::new();
         let baud = gateway.baud;
-        Self { place, node, name, port, rig: baud, settings, baud, queued: 0, began: false, held: false, supply }
+        Self {
+            place,
+            node,
+            restarts: (gateway.open == file::Opening::Reset).then_some(gateway.to.0),
+            name,
+            port,
+            rig: baud,
+            settings,
+            baud,
+            queued: 0,
+            began: false,
+            held: false,
+            supply,
+        }
     }
 
     /// Where the client's bytes wait for the line: the span within which the UART can want more.
@@ -153,7 +168,12 @@ impl Gateway {
                 self.queued = 0;
                 session.stimulate(self.node, at, Stimulus::Discard);
             }
-            PortEvent::Opened => tracing::info!("the {} port has been opened", self.name),
+            PortEvent::Opened => {
+                tracing::info!("the {} port has been opened", self.name);
+                if let Some(board) = self.restarts {
+                    session.stimulate(board, at, Stimulus::Reset);
+                }
+            }
             PortEvent::Began => self.begin(at, session)?,
             PortEvent::Set => {}
             PortEvent::Closed => tracing::info!("the {} port has been closed", self.name),

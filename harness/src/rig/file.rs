@@ -57,6 +57,19 @@ pub struct Gateway {
     pub tx_fifo: usize,
     /// The error of its clock. Default 0.
     pub clock: Clock,
+    /// What the first program that opens the port does to the board. Default: nothing.
+    pub open: Opening,
+}
+
+/// What opening a port does to the board behind it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Opening {
+    /// The board restarts, as by the DTR line of many a USB board.
+    Reset,
+    /// Nothing.
+    #[default]
+    Keep,
 }
 
 impl Gateway {
@@ -139,6 +152,8 @@ struct RawPc {
     tx_fifo: Spanned<usize>,
     #[serde(default = "default_ppm")]
     clock_ppm: Spanned<f64>,
+    #[serde(default)]
+    open: Opening,
 }
 
 #[derive(Deserialize)]
@@ -153,12 +168,14 @@ struct RawGateway {
     tx_fifo: Spanned<usize>,
     #[serde(default = "default_ppm")]
     clock_ppm: Spanned<f64>,
+    #[serde(default)]
+    open: Opening,
 }
 
 impl From<RawPc> for RawGateway {
-    fn from(RawPc { port, baud, tx_fifo, clock_ppm }: RawPc) -> Self {
+    fn from(RawPc { port, baud, tx_fifo, clock_ppm, open }: RawPc) -> Self {
         let name = Spanned::new(port.span(), GATEWAY.to_owned());
-        Self { name, port, dialect: None, baud, tx_fifo, clock_ppm }
+        Self { name, port, dialect: None, baud, tx_fifo, clock_ppm, open }
     }
 }
 
@@ -314,6 +331,7 @@ impl RigFile {
                 baud: in_range("baud", &raw.baud, 50..=4_000_000)?,
                 tx_fifo: in_range("tx_fifo", &raw.tx_fifo, 1..=64)?,
                 clock: check_clock(&raw.clock_ppm)?,
+                open: raw.open,
             });
         }
         let mut gateways = gateways.into_iter();

@@ -185,4 +185,9 @@ impl Board for Grbl {
         ];
         all.into_iter().flatten().min_by_key(|deadline| deadline.at)
     }
+
+    /// Whoever has opened the port is to have the time to flush it before the banner comes.
+    fn silence(&self) -> Option<Instant> {
+        self.boots_until
+    }
 }
