@@ -20,6 +20,7 @@ mod failures;
 mod faults;
 mod foreign;
 mod gcode;
+mod grbl;
 mod hostile;
 mod identify;
 mod imports;

@@ -615,7 +615,7 @@ fn picocom_talks_to_the_port() {
 }
 
 /// Runs a script with pyserial, with the port as its argument; false if it is not installed.
-fn pyserial(up: &Up, script: &str) -> bool {
+pub(crate) fn pyserial(up: &Up, script: &str) -> bool {
     // A Python of one's own may hide the one that Debian's package belongs to.
     let has_serial = |python: &&str| {
         let check = Command::new(python).args(["-c", "import serial"]).output();

@@ -15,13 +15,14 @@ struct Crate {
     may_use: &'static [&'static str],
 }
 
-const CRATES: [Crate; 17] = [
+const CRATES: [Crate; 18] = [
     Crate { folder: "protocol", pure: true, may_use: &[] },
     Crate { folder: "protocol/gcode", pure: true, may_use: &[] },
     Crate { folder: "protocol/grbl", pure: true, may_use: &["protocol"] },
     Crate { folder: "master", pure: true, may_use: &["protocol"] },
     Crate { folder: "slaves", pure: true, may_use: &["protocol"] },
     Crate { folder: "master/dspic", pure: true, may_use: &["protocol", "master", "slaves"] },
+    Crate { folder: "master/grbl", pure: true, may_use: &["protocol", "gcode", "grbl", "planner"] },
     Crate { folder: "harness/text", pure: true, may_use: &["protocol"] },
     Crate { folder: "harness/engine", pure: true, may_use: &["protocol"] },
     Crate { folder: "harness/bus", pure: true, may_use: &["protocol", "text", "engine"] },
@@ -35,7 +36,20 @@ const CRATES: [Crate; 17] = [
     Crate {
         folder: "harness/machines",
         pure: true,
-        may_use: &["protocol", "text", "engine", "bus", "master", "slaves", "dspic", "part", "planner", "servo"],
+        may_use: &[
+            "protocol",
+            "grbl",
+            "text",
+            "engine",
+            "bus",
+            "master",
+            "slaves",
+            "dspic",
+            "grbl-board",
+            "part",
+            "planner",
+            "servo",
+        ],
     },
     Crate {
         folder: "harness",

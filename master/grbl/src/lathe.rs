@@ -7,7 +7,9 @@ use torno_grbl::code::Alarm;
 use torno_grbl::machine::{Machine, Move, Overrides, Progress};
 use torno_grbl::{Rate, Spindle};
 use torno_planner::{Planner, Scale, Side, Standing};
-use torno_protocol::lathe::{FRAME_GAP, Fault, Frame, Party, Reply, ReplyDecoder, Slave, TransverseSubFrame};
+use torno_protocol::lathe::{
+    CHARACTER, FRAME_GAP, Fault, Frame, Party, Reply, ReplyDecoder, Slave, TransverseSubFrame,
+};
 use torno_protocol::time::{Instant, Span};
 
 use crate::settings::GrblSettings;
@@ -19,6 +21,9 @@ const Z: usize = 2;
 const RPM: f32 = 20.0;
 /// A frame that the master has refused is sent again so often: noise may have spoilt it. (Ours.)
 const TRIES: u32 = 3;
+/// The silence after a refusal: what the master refuses in mid-frame is still being sent.
+const AFTER_REFUSAL: Span =
+    Span::from_nanos(FRAME_GAP.as_nanos() + CHARACTER.times(Frame::LENGTH as u64 + 1).as_nanos());
 /// The planner turns its spindle, so that everything can be cut: the board's own is the controller's.
 const TURNS: Kind = Kind::Spindle { sense: Sense::Clockwise, speed: Speed::Constant(1_000.0) };
 
@@ -192,7 +197,7 @@ impl Lathe {
     /// The frame was refused: nothing of it is done.
     fn refused(&mut self, now: Instant) {
         let Some(Flight { way, tries, .. }) = self.flight.take() else { return };
-        self.quiet_until = now + FRAME_GAP;
+        self.quiet_until = now + AFTER_REFUSAL;
         if tries == TRIES {
             return self.fail(Alarm::Aborted);
         }
@@ -313,7 +318,7 @@ impl Lathe {
             ..Place::default()
         };
         let from = self.planner.place();
-        let length = ((to.x - from.x).powi(2) + (to.z - from.z).powi(2)).sqrt();
+        let length = libm::hypot(to.x - from.x, to.z - from.z);
         let kind = match motion.rate {
             Rate::Rapid => Kind::Rapid { to },
             Rate::Feed(feed) | Rate::Jog(feed) => Kind::Feed { to, feed: self.feed(f64::from(feed)) },

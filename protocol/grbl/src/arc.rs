@@ -4,7 +4,7 @@ use core::f64::consts::TAU;
 
 use crate::code::Code;
 use crate::memory::Axes;
-use crate::steps::{Line, Rate};
+use crate::path::{Line, Rate};
 
 /// A turn that is less than this, rad, is a full one.
 const LEAST_TURN: f64 = 5e-7;

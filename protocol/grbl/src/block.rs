@@ -6,7 +6,8 @@ use crate::arc::{self, Arc};
 use crate::code::Code;
 use crate::memory::{Axes, Memory, SYSTEMS};
 use crate::modal::{Modal, Motion, Spindle};
-use crate::steps::{Line, Rate, Step};
+use crate::path::{Line, Rate};
+use crate::steps::Step;
 use crate::words::{AxisCommand, Flow, Once, Words};
 
 const MM_PER_INCH: f32 = 25.4;

@@ -16,6 +16,7 @@ mod execution;
 mod line;
 mod modal;
 mod number;
+mod path;
 mod report;
 mod settings;
 mod steps;
@@ -24,4 +25,4 @@ mod words;
 
 pub use block::Abilities;
 pub use modal::Spindle;
-pub use steps::Rate;
+pub use path::Rate;

@@ -5,7 +5,7 @@ use torno_protocol::time::Instant;
 use crate::code::Alarm;
 use crate::memory::Axes;
 use crate::modal::Spindle;
-use crate::steps::Rate;
+use crate::path::Rate;
 
 /// A straight motion.
 #[derive(Clone, Copy, Debug, PartialEq)]

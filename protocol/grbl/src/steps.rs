@@ -3,28 +3,7 @@
 use crate::arc::Arc;
 use crate::memory::Axes;
 use crate::modal::{Probe, Spindle};
-
-/// How fast a motion goes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Rate {
-    /// As fast as the machine can.
-    Rapid,
-    /// mm a minute.
-    Feed(f32),
-    /// mm a minute, and no override changes it.
-    Jog(f32),
-    /// The whole motion takes this part of a minute: G93.
-    PerMinute(f32),
-}
-
-/// A straight motion to `to`, in machine coordinates.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Line {
-    /// Where it ends, mm.
-    pub(crate) to: Axes,
-    /// How fast.
-    pub(crate) rate: Rate,
-}
+use crate::path::Line;
 
 /// A step of a block. Lines and arcs go into the planner; everything else waits until the machine has done what it was
 /// given before.

@@ -55,7 +55,7 @@ fn rigs() -> impl Strategy<Value = Ring> {
         let faults = prop::collection::vec(a_fault(2 * ring.boards.len()), 0..8);
         let ring = Ring { stimuli, reacts, late, ..ring };
         (Just(ring), faults).prop_map(|(ring, mut faults)| {
-            // Of those that begin together, the one that was asked for first acts first, however early all are asked for.
+            // Of those that begin together, the one that was asked for first acts first.
             faults.sort_by_key(|fault| fault.asked);
             Ring { faults, ..ring }
         })

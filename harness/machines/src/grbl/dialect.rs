@@ -9,8 +9,11 @@ use torno_protocol::time::Instant;
 #[derive(Debug)]
 pub(super) struct Grbl;
 
-/// The words that replies begin with.
-const WORDS: [&str; 6] = ["ok", "error", "ALARM", "Grbl", "status", "message"];
+/// The words that stand for replies; of a status, it is its state.
+const WORDS: [&str; 18] = [
+    "ok", "error", "ALARM", "Grbl", "message", "Idle", "Run", "Hold:0", "Hold:1", "Jog", "Home", "Alarm", "Check",
+    "Door:0", "Door:1", "Door:2", "Door:3", "Sleep",
+];
 
 impl Dialect for Grbl {
     fn name(&self) -> &'static str {
@@ -25,12 +28,11 @@ impl Dialect for Grbl {
         false
     }
 
-    /// `ok`, `error 20`, `ALARM 1`, `Grbl`, `status Idle`, `message`; a word alone stands for all that begin with it.
+    /// `ok`, `error 20`, `ALARM 1`, `Grbl`, `status idle`, `message`; a word alone stands for all that begin with it.
     fn check_reply(&self, code: &str) -> Result<(), String> {
         let known = match code.split_once(' ') {
             None => WORDS.contains(&code),
             Some(("error" | "ALARM", number)) => number.parse::<u8>().is_ok(),
-            Some(("status", state)) => !state.is_empty(),
             Some(_) => false,
         };
         if known { Ok(()) } else { Err(no_reply(code, &WORDS)) }
@@ -98,9 +100,8 @@ impl Cable {
 
 /// A reply as scenarios write it.
 fn code(line: &str) -> String {
-    let inner = |line: &str| line.split(['|', '>']).next().unwrap_or_default().to_owned();
     match (line.split_once(':'), line.strip_prefix('<')) {
-        (_, Some(status)) => format!("status {}", inner(status)),
+        (_, Some(status)) => status.split(['|', '>']).next().unwrap_or_default().to_owned(),
         (Some((word @ ("error" | "ALARM"), number)), _) => format!("{word} {number}"),
         _ if line == "ok" => line.to_owned(),
         _ if line.starts_with("Grbl ") => "Grbl".to_owned(),
@@ -163,7 +164,7 @@ mod tests {
             ("error:20", "error 20"),
             ("ALARM:1", "ALARM 1"),
             ("Grbl 1.1h ['$' for help]", "Grbl"),
-            ("<Hold:1|MPos:0.000,0.000,0.000|FS:0,0>", "status Hold:1"),
+            ("<Hold:1|MPos:0.000,0.000,0.000|FS:0,0>", "Hold:1"),
             ("[MSG:Pgm End]", "message"),
             ("$0=10", "message"),
         ] {

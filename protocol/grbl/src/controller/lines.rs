@@ -9,9 +9,10 @@ use crate::execution::{Answer, Execution, Wait};
 use crate::line::Line;
 use crate::machine::{Machine, Move};
 use crate::modal::{Modal, Spindle};
+use crate::path::{self, Rate};
 use crate::report::{self, message};
 use crate::state::State;
-use crate::steps::{self, Rate, Step};
+use crate::steps::Step;
 use crate::system::{self, Command, Restore};
 
 /// What became of a line for the planner.
@@ -196,7 +197,7 @@ impl<M: Machine> Controller<M> {
         matches!(self.state, State::Run | State::Jog) || self.machine.has_motions()
     }
 
-    fn push(&mut self, now: Instant, line: steps::Line) -> Pushed {
+    fn push(&mut self, now: Instant, line: path::Line) -> Pushed {
         let is_jog = matches!(line.rate, Rate::Jog(_));
         let settings = &self.memory.settings;
         if settings.soft_limits() && !is_jog && settings.is_beyond(line.to) {

@@ -1,0 +1,73 @@
+//! A rig with a GRBL controller from outside: clients that know nothing of torno.
+
+use crate::common::Up;
+use crate::pc_port::pyserial;
+
+/// A sender that waits for each answer, with holds and resets on the way.
+#[test]
+fn pyserial_finds_a_grbl_that_moves_a_machine() {
+    let up = Up::start(&["lathe-grbl", "--pace", "max"]);
+    let script = r"
+import serial, sys, re
+port = serial.Serial(sys.argv[1], 115200, timeout=20)
+
+def line():
+    text = port.readline()
+    assert text, 'silence'
+    return text.decode().strip()
+
+def until(*ends):
+    lines = [line()]
+    while not any(lines[-1].startswith(end) for end in ends):
+        lines.append(line())
+    return lines
+
+def ask(text):
+    port.write(text.encode() + b'\n')
+    return until('ok', 'error:', 'ALARM:')
+
+def status():
+    port.write(b'?')
+    return until('<')[-1]
+
+def wait_for(state):
+    while not status().startswith('<' + state):
+        pass
+
+# Whoever opens the port restarts the controller.
+assert until('Grbl 1.1h')[-1] == 'Grbl 1.1h [\'$\' for help]'
+assert ask('$I')[0].startswith('[VER:1.1')
+settings = dict(text.split('=') for text in ask('$$')[:-1])
+assert settings['$100'] == '5.625' and settings['$102'] == '450.000' and settings['$30'] == '4000', settings
+assert ask('$G')[0] == '[GC:G0 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0]'
+assert ask('G10 L20 P1 X14.3556 Z0') == ['ok']
+assert ask('G1 Y1 F100') == ['error:33']
+assert ask('M4 S500') == ['error:20']
+for block in ['G18 M3 S600', 'G0 X13 Z1', 'G1 Z-5 F200', 'G0 X15', 'G0 Z0']:
+    assert ask(block) == ['ok'], block
+seen = set()
+while True:
+    text = status()
+    seen.add(text[1:].split('|')[0])
+    if text.startswith('<Idle'):
+        break
+assert 'Run' in seen, seen
+x, y, z = re.search(r'MPos:([^|]*)', text).group(1).split(',')
+assert z == '0.000' and y == '0.000' and abs(float(x) - 0.6444) < 0.1, text
+# A hold, and on.
+assert ask('G1 Z-10 F100') == ['ok']
+port.write(b'!')
+wait_for('Hold:0')
+port.write(b'~')
+wait_for('Idle')
+# A reset in motion.
+assert ask('G1 Z0 F20') == ['ok']
+port.write(b'\x18')
+assert until('[MSG:')[0] == 'ALARM:3'
+assert ask('G0 X0') == ['error:9']
+assert ask('$X') == ['[MSG:Caution: Unlocked]', 'ok']
+";
+    if pyserial(&up, script) {
+        assert!(up.log().contains("master: frame 1 distributed"), "{}", up.log());
+    }
+}
