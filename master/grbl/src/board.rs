@@ -96,6 +96,16 @@ impl Grbl {
         }
     }
 
+    /// One byte waits while another one is on the line.
+    fn feed_usb(&mut self, now: Instant) {
+        if self.boots_until.is_none()
+            && self.usb.poll_timeout().is_none()
+            && let Some(byte) = self.controller.poll_transmit(now)
+        {
+            self.usb.push(byte);
+        }
+    }
+
     /// Does what is due, and loads the transmitters.
     fn proceed(&mut self, now: Instant) {
         self.now = now;
@@ -110,11 +120,7 @@ impl Grbl {
                 self.controller.run(now);
             }
         }
-        if self.usb.poll_timeout().is_none()
-            && let Some(byte) = self.controller.poll_transmit(now)
-        {
-            self.usb.push(byte);
-        }
+        self.feed_usb(now);
         while let Some(byte) = self.controller.machine_mut().poll_byte() {
             self.machine.push(byte);
         }
@@ -123,12 +129,7 @@ impl Grbl {
                 self.outputs.push_back(Output::Character { port, edges: loaded.edges, end: loaded.end });
             }
         }
-        // One more waits while the last one is on the line.
-        if self.usb.poll_timeout().is_none()
-            && let Some(byte) = self.controller.poll_transmit(now)
-        {
-            self.usb.push(byte);
-        }
+        self.feed_usb(now);
         let state = self.controller.state();
         if state != self.state {
             self.state = state;

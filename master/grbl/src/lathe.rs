@@ -436,6 +436,13 @@ impl Machine for Lathe {
         self.motions.push_back(motion);
     }
 
+    fn remark(&self, motion: &Move) -> Option<String> {
+        let unit = self.scale.feed.unit();
+        let slow = |feed: f32| f64::from(feed) < 0.99 * unit;
+        let is_slow = matches!(motion.rate, Rate::Feed(feed) | Rate::Jog(feed) if slow(feed));
+        is_slow.then(|| format!("Feed raised to {unit:.3}"))
+    }
+
     fn start(&mut self, now: Instant, overrides: Overrides) {
         self.overrides = overrides;
         self.mode = Mode::Runs;

@@ -69,13 +69,13 @@ impl GrblSettings {
         let feed = Feed {
             mm_per_count: 1.0 / self.z.counts_per_mm,
             sample_s: self.z.sample_ms / 1_000.0,
-            reach: i64::from(i32::MAX),
+            reach: i64::MAX / 2,
         };
         let infeed = Infeed {
             mm_per_slot: 1.0 / self.x.slots_per_mm,
             mm_per_s: self.x.mm_per_min / 60.0,
             overrun: self.x.overrun_slots,
-            reach: i64::from(i32::MAX),
+            reach: i64::MAX / 2,
         };
         Scale { feed, infeed }
     }

@@ -171,7 +171,8 @@ impl<'a> Reader<'a> {
         if !self.words.has(b'P') && !self.words.has(b'L') {
             return Err(Code::ValueMissing);
         }
-        let number = self.words.p.trunc() as u8;
+        // What does not fit into a byte is cut off.
+        let number = self.words.p.trunc() as i64 as u8;
         if usize::from(number) > SYSTEMS {
             return Err(Code::UnsupportedSystem);
         }

@@ -60,6 +60,8 @@ pub struct Controller<M> {
     startup: VecDeque<String>,
     execution: Option<Execution>,
     homing: bool,
+    /// `$H` is done and not answered yet: startup lines come first.
+    homed: bool,
     /// `$SLP` after its `ok`.
     sleeps: bool,
     /// `$C` and `$RST`: a reset after the `ok`.
@@ -97,6 +99,7 @@ impl<M: Machine> Controller<M> {
             startup: VecDeque::new(),
             execution: None,
             homing: false,
+            homed: false,
             sleeps: false,
             resets: false,
             asked: false,
@@ -113,6 +116,7 @@ impl<M: Machine> Controller<M> {
 
     /// Power comes on.
     pub fn power_on(&mut self, now: Instant) {
+        self.transmit.clear();
         self.state = if self.memory.settings.homes() { State::Alarm } else { State::Idle };
         self.restart(now);
         self.run(now);
@@ -205,6 +209,8 @@ impl<M: Machine> Controller<M> {
             } else if let Some(block) = self.startup.pop_front() {
                 let text = block.clone().into_bytes();
                 self.execute(&text, false, Answer::Startup { block });
+            } else if core::mem::take(&mut self.homed) {
+                self.answer(Ok(()));
             } else if let Some(c) = self.receive.pop_front() {
                 if let Some(line) = self.reader.take(c) {
                     self.take(now, &line);
@@ -249,7 +255,7 @@ impl<M: Machine> Controller<M> {
         self.startup.clear();
         self.execution = None;
         self.suspended = Suspended::No;
-        (self.dead, self.beyond, self.homing) = Default::default();
+        (self.dead, self.beyond, self.homing, self.homed) = Default::default();
         (self.sleeps, self.resets, self.asked, self.resumes) = Default::default();
         self.overrides = Overrides::default();
         self.cadence = Cadence::default();
@@ -491,7 +497,7 @@ impl<M: Machine> Controller<M> {
                 self.state = State::Idle;
                 self.modal.position = self.place(now);
                 self.start_up();
-                self.answer(Ok(()));
+                self.homed = true;
             }
             (Progress::Finished | Progress::Held, Suspended::JogCancel) => {
                 self.machine.forget(now);

@@ -59,6 +59,11 @@ pub trait Machine {
     /// Takes a motion, to be done after the others.
     fn push(&mut self, motion: Move);
 
+    /// What the operator has to know of a motion that it cannot do as asked.
+    fn remark(&self, _motion: &Move) -> Option<String> {
+        None
+    }
+
     /// Starts, or goes on.
     fn start(&mut self, now: Instant, overrides: Overrides);
 

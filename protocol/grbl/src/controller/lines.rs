@@ -216,7 +216,11 @@ impl<M: Machine> Controller<M> {
             self.start(now);
             return Pushed::Full;
         }
-        self.machine.push(Move { to: self.steps(line.to), place: line.to, rate: line.rate });
+        let motion = Move { to: self.steps(line.to), place: line.to, rate: line.rate };
+        if let Some(remark) = self.machine.remark(&motion) {
+            self.tell(&remark);
+        }
+        self.machine.push(motion);
         if is_jog && self.state == State::Idle && self.machine.has_motions() {
             self.state = State::Jog;
             self.machine.start(now, self.overrides);
