@@ -28,7 +28,7 @@ const INFEED: [u8; 8] = [0x4b, 0, 0, 0, 0, 0x01, 0x90, 0];
 fn fails(motion: [u8; 8], broken: &str, at: f64, slave: Slave, fault: Fault) -> Played {
     let played = play(&[TURNING, motion, FEED, INFEED, FEED], broken);
     assert_eq!(played.outcome, Outcome::Faulted);
-    assert_eq!(played.conversation.failures, [(slave.into(), fault)]);
+    assert_eq!(played.job.tally.failures, [(slave.into(), fault)]);
 
     let dump = Dump::of(&played);
     let can = [CAN, slave.letter(), fault.letter()];
@@ -110,7 +110,7 @@ fn a_motor_that_stalls_in_motion_is_reported_and_switched_off() {
 fn a_spindle_that_stalls_while_it_starts_is_reported() {
     let played = play(&[TURNING, FEED, FEED], &board_fault("spindle", "stall", 0.1));
     assert_eq!(played.outcome, Outcome::Faulted);
-    assert_eq!(played.conversation.failures, [(Slave::Spindle.into(), Fault::Stalled)]);
+    assert_eq!(played.job.tally.failures, [(Slave::Spindle.into(), Fault::Stalled)]);
     let dump = Dump::of(&played);
     assert_eq!(dump.bytes("master_to_pc"), [ACK, XOFF, CAN, b's', b's', XON]);
     assert!(dump.replied_at(CAN) < 3 * SECOND + SECOND / 10);
@@ -133,7 +133,7 @@ fn an_axis_that_runs_into_its_end_of_travel_is_reported() {
     for (frame, slave, least) in [(infeed, Slave::Depth, -455..=-445), (feed, Slave::Transverse, -36_050..=-35_950)] {
         let played = play(&[frame, frame, frame, TURNING], "");
         assert_eq!(played.outcome, Outcome::Faulted);
-        assert_eq!(played.conversation.failures, [(slave.into(), Fault::EndOfTravel)]);
+        assert_eq!(played.job.tally.failures, [(slave.into(), Fault::EndOfTravel)]);
         let can = [CAN, slave.letter(), b'e'];
         let replies = [&[ACK, XOFF, XON, ACK, XOFF][..], &can, &[XON]].concat();
         assert_eq!(Dump::of(&played).bytes("master_to_pc"), replies);

@@ -11,6 +11,7 @@ pub mod condition;
 pub mod control;
 pub mod fault;
 pub mod identify;
+pub mod job;
 pub mod live;
 pub mod observe;
 pub mod pace;

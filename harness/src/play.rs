@@ -2,17 +2,15 @@
 
 use std::pin::{Pin, pin};
 
-use torno_bus::{Answer, Conversation};
 use torno_engine::Fact;
 use torno_machines::workpiece::ToolPath;
 use torno_protocol::board::Stimulus;
-use torno_protocol::clock::Clock;
-use torno_protocol::lathe::{FrameDecoder, Outcome, Program, Reply, ReplyDecoder, Tally};
+use torno_protocol::lathe::{Outcome, Program};
 use torno_protocol::time::{Instant, Span};
-use torno_protocol::uart::Character;
 use torno_trace::{Header, Trace, Waveforms};
 
 use crate::fault::{Planned, Unfired};
+use crate::job::{FrameJob, Job};
 use crate::pace::Pace;
 use crate::recorder::Recorder;
 use crate::rig::file::RigFile;
@@ -26,17 +24,17 @@ const PROGRAM_START: Span = Span::from_millis(10);
 const STEPS_PER_LOOK: u32 = 64;
 /// A program that is over in a rig with faults is left to run for so long: noise has no end.
 const AFTER: Span = Span::from_secs(1);
-/// Unless something else is asked for, a play is given up when no frame has been accepted for so long. (Ours: the
+/// Unless something else is asked for, a play is given up when nothing of the program has been accepted for so long. (Ours: the
 /// longest motion of the lathe, 65 535 counts at a count every 30 ms, takes 33 minutes.)
 pub const PATIENCE: Span = Span::from_secs(3_600);
 
 /// What is to be played, and how.
 #[derive(Clone, Debug)]
-pub struct Play {
+pub struct Play<J = FrameJob> {
     /// The rig.
     pub file: RigFile,
-    /// The program.
-    pub program: Program,
+    /// What the PC does.
+    pub job: J,
     /// Where the boards run.
     pub driver: Driver,
     /// How fast.
@@ -49,7 +47,7 @@ pub struct Play {
     pub measure: bool,
     /// What heads the trace that is to be kept in memory, if one is.
     pub keep: Option<Header>,
-    /// It is given up when no frame has been accepted for so long, in virtual time.
+    /// It is given up when nothing of the program has been accepted for so long, in virtual time.
     pub patience: Span,
     /// Time goes no further at once, in virtual time. Nothing may depend on it: this is how that is proved.
     pub slice: Option<Span>,
@@ -76,34 +74,21 @@ impl Ended {
     }
 }
 
-/// A program that sends no more once a board has failed: with a frame missing, the rest would turn another part.
-#[derive(Clone, Debug, Default)]
-pub struct Careful {
-    decoder: ReplyDecoder,
-}
-
-impl Conversation for Careful {
-    fn hear(&mut self, byte: u8) -> Answer {
-        let failed = self.decoder.push(byte).iter().any(|reply| matches!(reply, Reply::Can(..)));
-        if failed { Answer::GiveUp } else { Answer::Nothing }
-    }
-}
-
 /// How far a play has come.
 #[derive(Clone, Copy, Debug)]
-pub struct Progress<'a> {
+pub struct Progress<'a, J = FrameJob> {
     /// Everything before this has happened.
     pub now: Instant,
-    /// What has been said.
-    pub conversation: &'a Tally,
+    /// What the PC does, and how far it has come.
+    pub job: &'a J,
     /// What has happened since the last time.
     pub facts: &'a [Fact],
 }
 
 /// How a play ended.
-pub struct Played {
-    /// What was said.
-    pub conversation: Tally,
+pub struct Played<J = FrameJob> {
+    /// What the PC did.
+    pub job: J,
     /// How the program ended.
     pub outcome: Outcome,
     /// Why the play did.
@@ -130,7 +115,7 @@ pub struct Played {
     pub unfired: Vec<Unfired>,
 }
 
-impl Played {
+impl<J> Played<J> {
     /// The word for how it ended.
     pub const fn outcome(&self) -> &'static str {
         self.ended.of(self.outcome)
@@ -140,7 +125,7 @@ impl Played {
     pub fn cut_short(&self) -> Option<String> {
         let why = match self.ended {
             Ended::Over => return None,
-            Ended::OutOfPatience => "given up: no frame has been accepted for long",
+            Ended::OutOfPatience => "given up: nothing has been accepted for long",
             Ended::Interrupted => INTERRUPTED,
         };
         let waits = self.boards.iter().filter(|board| !board.waits_for.is_empty());
@@ -151,30 +136,32 @@ impl Played {
 }
 
 /// What the player makes of a session.
-struct Player {
+struct Player<J> {
     waveforms: Option<Waveforms>,
     path: Option<ToolPath>,
-    decoder: ReplyDecoder,
-    conversation: Tally,
+    job: J,
     facts: Vec<Fact>,
-    /// The program's frames follow one another, whatever the master makes of them.
-    sending: FrameDecoder,
     now: Instant,
-    /// Patience counts from here: when a frame has been accepted last, or the program was over last.
+    /// Patience counts from here: when something has been accepted last, or the program was over last.
     accepted: Instant,
     /// Since when the program is over, if it is.
     over: Option<Instant>,
-    /// How many frames it has.
-    frames: usize,
     incidents: Vec<Incident>,
 }
 
 impl Play {
+    /// A play of frames in which nothing breaks, as fast as can be.
+    pub fn new(file: RigFile, program: Program, driver: Driver) -> Self {
+        Self::of(file, FrameJob::new(program), driver)
+    }
+}
+
+impl<J: Job> Play<J> {
     /// A play in which nothing breaks, as fast as can be.
-    pub const fn new(file: RigFile, program: Program, driver: Driver) -> Self {
+    pub const fn of(file: RigFile, job: J, driver: Driver) -> Self {
         Self {
             file,
-            program,
+            job,
             driver,
             pace: Pace::Max,
             faults: Vec::new(),
@@ -190,7 +177,7 @@ impl Play {
     ///
     /// # Errors
     /// [`SessionError`] if the rig itself breaks.
-    pub async fn run(self, progress: impl FnMut(Progress<'_>)) -> Result<Played, SessionError> {
+    pub async fn run(self, progress: impl FnMut(Progress<'_, J>)) -> Result<Played<J>, SessionError> {
         self.record(None, progress, std::future::pending()).await
     }
 
@@ -201,10 +188,10 @@ impl Play {
     pub async fn record(
         self,
         recorder: Option<Recorder>,
-        mut progress: impl FnMut(Progress<'_>),
+        mut progress: impl FnMut(Progress<'_, J>),
         interrupted: impl Future<Output = ()>,
-    ) -> Result<Played, SessionError> {
-        let uart = self.file.pc.uart().with_program(Careful::default());
+    ) -> Result<Played<J>, SessionError> {
+        let uart = self.file.pc.uart().with_program(self.job.program());
         let mut session = Session::start(&self.file, &self.driver, uart).await?;
         if self.pace == Pace::Max {
             session.rig().share_one_processor();
@@ -217,7 +204,10 @@ impl Play {
         session.plan(&self.faults);
         let pc = session.rig().pc();
         let start = Instant::START + PROGRAM_START.max(self.file.margin());
-        session.stimulate(pc, start, Stimulus::Write(self.program.bytes()));
+        let first = self.job.first();
+        if !first.is_empty() {
+            session.stimulate(pc, start, Stimulus::Write(first));
+        }
         if let Some(recorder) = recorder {
             session.record(recorder);
         }
@@ -227,14 +217,11 @@ impl Play {
         let mut player = Player {
             waveforms: self.waveforms.then(|| Waveforms::new(&self.file.layout)),
             path: self.file.part.as_ref().map(ToolPath::new),
-            decoder: ReplyDecoder::default(),
-            conversation: Tally::default(),
+            job: self.job,
             facts: Vec::new(),
-            sending: FrameDecoder::new(Clock::TRUE),
             now: Instant::START,
             accepted: Instant::START,
             over: None,
-            frames: self.program.frames.len(),
             incidents: Vec::new(),
         };
         let mut kept_up = Instant::START;
@@ -296,7 +283,7 @@ impl Play {
         session.reach_end(until, |happened| drop(player.take(happened))).await?;
         progress(player.progress());
         let unfired = session.unfired();
-        let outcome = player.conversation.outcome(player.frames);
+        let outcome = player.job.outcome();
         let session::Ended { end, boards, trace, rig } = session.close(ended.of(outcome))?;
         Ok(Played {
             outcome,
@@ -311,12 +298,12 @@ impl Play {
             path: player.path,
             trace,
             unfired,
-            conversation: player.conversation,
+            job: player.job,
         })
     }
 }
 
-impl Player {
+impl<J: Job> Player<J> {
     /// Makes of what has happened what is to be made of it. Gives back the facts of the time before.
     fn take(&mut self, happened: Happened) -> Vec<Fact> {
         if let Some(waveforms) = &mut self.waveforms {
@@ -332,22 +319,16 @@ impl Player {
     }
 
     fn listen(&mut self, at: Instant, exchange: &Exchange) {
-        let accepted = self.conversation.accepted;
+        let accepted = self.job.accepted();
         match exchange {
-            Exchange::Sent(byte, _) => {
-                if self.sending.push(at, Character::good(*byte)).is_some() {
-                    self.conversation.sent();
-                }
-            }
-            Exchange::Received(byte, _) => {
-                self.decoder.push(*byte).into_iter().for_each(|reply| self.conversation.reply(reply));
-            }
+            Exchange::Sent(byte, _) => self.job.sent(at, *byte),
+            Exchange::Received(byte, _) => self.job.received(*byte),
             Exchange::Garbled(_) => {}
         }
-        if self.conversation.accepted > accepted {
+        if self.job.accepted() > accepted {
             self.accepted = at;
         }
-        let over = self.conversation.sent == self.frames && self.conversation.is_over();
+        let over = self.job.is_over();
         if self.over.is_some() && !over {
             self.accepted = at;
         }
@@ -361,8 +342,8 @@ impl Player {
         if session.rig().engine().is_undisturbed() { patient.max(over) } else { over }
     }
 
-    fn progress(&self) -> Progress<'_> {
-        Progress { now: self.now, conversation: &self.conversation, facts: &self.facts }
+    fn progress(&self) -> Progress<'_, J> {
+        Progress { now: self.now, job: &self.job, facts: &self.facts }
     }
 }
 

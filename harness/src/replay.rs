@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use torno_protocol::board::Stimulus;
 use torno_protocol::time::Instant;
 
-use crate::play::Careful;
+use crate::job::{Careful, Counting};
 use crate::rig::Driver;
 use crate::rig::file::{RigFile, RigFileError};
 use crate::session::{Session, SessionError};
@@ -75,6 +75,9 @@ pub async fn replay(trace: &Trace, driver: &Driver) -> Result<Replayed, ReplayEr
         // A PC that the machine does not hold is outside the rig, whatever it plays.
         Some(_) if file.pc.dialect.holds_the_pc() => {
             Session::start(&file, driver, uart.with_program(Careful::default())).await?
+        }
+        Some(_) if file.pc.dialect.counts_characters() => {
+            Session::start(&file, driver, uart.with_program(Counting::default())).await?
         }
         _ => Session::start(&file, driver, uart).await?,
     };

@@ -6,7 +6,8 @@
 
 use std::time::{Duration, Instant as WallInstant};
 
-use torno::play::{Careful, DEMONSTRATION};
+use torno::job::Careful;
+use torno::play::DEMONSTRATION;
 use torno::rig::file::RigFile;
 use torno_engine::{End, Engine, Limit, NodeId};
 use torno_machines::kinds::{self, Steps};

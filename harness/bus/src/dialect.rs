@@ -24,6 +24,11 @@ pub trait Dialect: Debug + Sync {
     /// Whether the controller holds a PC with `XON` and `XOFF`; if not, they are bytes like others.
     fn holds_the_pc(&self) -> bool;
 
+    /// Whether a PC holds itself: by counting characters until the controller has answered their lines.
+    fn counts_characters(&self) -> bool {
+        false
+    }
+
     /// Refuses what is no reply that the PC can hear, as scenarios write it: a word and its letters or numbers. The
     /// word alone stands for every reply that begins with it.
     ///

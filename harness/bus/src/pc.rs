@@ -28,6 +28,11 @@ pub enum Answer {
 pub trait Conversation: Clone {
     /// A byte has come. Says what the program does because of it, at once.
     fn hear(&mut self, byte: u8) -> Answer;
+
+    /// Whether the next of the bytes that wait, the first of these, goes to the chip now. If it says so, it goes.
+    fn lets_go(&mut self, _waiting: &VecDeque<u8>) -> bool {
+        true
+    }
 }
 
 /// No program: whoever is behind the UART is outside the rig.
@@ -181,6 +186,8 @@ impl<P: Conversation> PcUart<P> {
         loop {
             while !self.stopped
                 && self.loaded < self.fifo
+                && !self.queue.is_empty()
+                && self.program.lets_go(&self.queue)
                 && let Some(byte) = self.queue.pop_front()
             {
                 self.transmitter.push(byte);

@@ -146,7 +146,7 @@ impl Arguments {
         let play = Play { pace, faults, waveforms, measure, keep, patience, ..Play::new(file, program, driver) };
 
         let bar = Bar::new(frames, started);
-        let progress = |progress: Progress<'_>| bar.update(progress.conversation.accepted, Some(progress.now));
+        let progress = |progress: Progress<'_>| bar.update(progress.job.tally.accepted, Some(progress.now));
         let mut played = play.record(recorder, progress, interrupt.received()).await?;
         bar.clear();
         for unfired in &played.unfired {
@@ -197,8 +197,8 @@ fn summary(played: Played, rig: String, program: String, frames: usize, seed: u6
         port: None,
         program,
         outcome: played.outcome(),
-        frames: Frames::new(&played.conversation, frames),
-        failures: failures(&played.conversation).into_iter().chain(played.cut_short()).collect(),
+        frames: Frames::new(&played.job.tally, frames),
+        failures: failures(&played.job.tally).into_iter().chain(played.cut_short()).collect(),
         virtual_s: Some(virtual_s),
         wall_s,
         speedup: Some(virtual_s / wall_s),

@@ -28,6 +28,10 @@ impl Dialect for Grbl {
         false
     }
 
+    fn counts_characters(&self) -> bool {
+        true
+    }
+
     /// `ok`, `error 20`, `ALARM 1`, `Grbl`, `status idle`, `message`; a word alone stands for all that begin with it.
     fn check_reply(&self, code: &str) -> Result<(), String> {
         let known = match code.split_once(' ') {

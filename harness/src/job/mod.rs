@@ -1,0 +1,38 @@
+//! What the PC plays on a rig: what it sends, what it makes of the answers, and when it is over.
+
+mod frames;
+mod lines;
+
+use torno_bus::Conversation;
+use torno_protocol::lathe::Outcome;
+use torno_protocol::time::Instant;
+
+pub use frames::{Careful, FrameJob};
+pub use lines::{Counting, LineJob};
+
+/// What the PC plays.
+pub trait Job {
+    /// What answers for it in virtual time.
+    type Program: Conversation + Send + 'static;
+
+    /// What it writes at the start.
+    fn first(&self) -> Vec<u8>;
+
+    /// What answers for it in virtual time.
+    fn program(&self) -> Self::Program;
+
+    /// A byte has gone onto the line.
+    fn sent(&mut self, at: Instant, byte: u8);
+
+    /// A byte has come.
+    fn received(&mut self, byte: u8);
+
+    /// How much of the program has been accepted.
+    fn accepted(&self) -> usize;
+
+    /// Whether all of it is done, as far as the PC can know.
+    fn is_over(&self) -> bool;
+
+    /// How it ended.
+    fn outcome(&self) -> Outcome;
+}
