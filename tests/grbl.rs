@@ -1,6 +1,8 @@
 //! A rig with a GRBL controller from outside: clients that know nothing of torno.
 
-use crate::common::Up;
+use serde_json::Value;
+
+use crate::common::{Up, folder, json, output};
 use crate::pc_port::pyserial;
 
 /// A sender that waits for each answer, with holds and resets on the way.
@@ -70,4 +72,37 @@ assert ask('$X') == ['[MSG:Caution: Unlocked]', 'ok']
     if pyserial(&up, script) {
         assert!(up.log().contains("master: frame 1 distributed"), "{}", up.log());
     }
+}
+
+/// The shaft as lines for the controller, and as frames that were planned from G-code.
+#[test]
+fn a_program_through_the_controller_turns_the_part_that_its_plan_turns() {
+    let folder = folder();
+    let trace = folder.path().join("run.torno");
+    let shaft = |file: &str| format!("{}/builtin/{file}", env!("CARGO_MANIFEST_DIR"));
+    let through = json(&output(&["run", "lathe-grbl", "--in-process", "--json", "--record", trace.to_str().unwrap()]));
+    let planned = json(&output(&["run", "lathe", &shaft("shaft.ngc"), "--in-process", "--json"]));
+    let diameters = |summary: &Value| {
+        let cylinders = summary["part"]["cylinders"].as_array().unwrap().clone();
+        cylinders.iter().map(|cylinder| (cylinder["diameter_mm"].as_f64().unwrap() * 100.0).round()).collect::<Vec<_>>()
+    };
+    assert_eq!(diameters(&through), diameters(&planned));
+    assert_eq!(diameters(&through), [2246.0, 2430.0, 2678.0, 2800.0]);
+    assert_eq!(through["lines"]["accepted"], through["lines"]["total"]);
+    let processes = json(&output(&["run", "lathe-grbl", "--processes", "--json"]));
+    assert_eq!(through["digest"], processes["digest"]);
+    let replayed = output(&["replay", trace.to_str().unwrap()]);
+    assert!(replayed.status.success(), "{}", String::from_utf8_lossy(&replayed.stderr));
+}
+
+#[test]
+fn lines_that_are_refused_are_told_with_their_numbers() {
+    let folder = folder();
+    let program = folder.path().join("bad.nc");
+    std::fs::write(&program, "G18\nG5\nG1 Z-1 F100\nG1 Y1\n").unwrap();
+    let output = crate::common::output(&["run", "lathe-grbl", program.to_str().unwrap(), "--in-process", "--json"]);
+    assert_eq!(output.status.code(), Some(1));
+    let summary: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(summary["outcome"], "rejected");
+    assert_eq!(summary["lines"]["refusals"], serde_json::json!(["error:20 in line 2", "error:33 in line 4"]));
 }

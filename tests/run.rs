@@ -83,7 +83,7 @@ fn a_program_that_gets_no_further_is_given_up() {
     let text = output(&[]);
     assert_eq!(text.status.code(), Some(1));
     let text = String::from_utf8(text.stdout).unwrap();
-    assert!(text.contains("\ngiven up: no frame has been accepted for long; master waits for spindle\n"), "{text}");
+    assert!(text.contains("\ngiven up: nothing has been accepted for long; master waits for spindle\n"), "{text}");
     assert!(text.ends_with("outcome  unanswered\n"), "{text}");
     let digests: BTreeSet<String> = [&["--json"][..], &["--json", "--in-process"], &["--json", "--pace", "2000"]]
         .map(|more| json(&output(more))["digest"].as_str().unwrap().to_owned())

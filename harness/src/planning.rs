@@ -49,7 +49,8 @@ const ACROSS: &str = "across the bar";
 /// [`PlanningError`] if frames mean nothing on it, or something else.
 pub fn settings(file: &RigFile, start: Option<Place>, side: Side) -> Result<Settings, PlanningError> {
     let rig = || file.name.clone();
-    if file.pc.dialect.name() != Program::DIALECT {
+    // A controller between the PC and the master speaks frames to it.
+    if file.pc.dialect.name() != Program::DIALECT && !file.pc.dialect.counts_characters() {
         return Err(PlanningError::Dialect { rig: rig(), dialect: file.pc.dialect.name() });
     }
     // The settings have been checked with the file.

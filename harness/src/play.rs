@@ -24,8 +24,8 @@ const PROGRAM_START: Span = Span::from_millis(10);
 const STEPS_PER_LOOK: u32 = 64;
 /// A program that is over in a rig with faults is left to run for so long: noise has no end.
 const AFTER: Span = Span::from_secs(1);
-/// Unless something else is asked for, a play is given up when nothing of the program has been accepted for so long. (Ours: the
-/// longest motion of the lathe, 65 535 counts at a count every 30 ms, takes 33 minutes.)
+/// Unless something else is asked for, a play is given up when nothing of the program has been accepted for so long.
+/// (Ours: the longest motion of the lathe, 65 535 counts at a count every 30 ms, takes 33 minutes.)
 pub const PATIENCE: Span = Span::from_secs(3_600);
 
 /// What is to be played, and how.
@@ -358,3 +358,6 @@ async fn has_come(future: Pin<&mut impl Future<Output = ()>>) -> bool {
 
 /// The program that is played where none is named: it turns a stepped shaft from bar stock.
 pub const DEMONSTRATION: (&str, &str) = ("shaft.frames", include_str!("../builtin/shaft.frames"));
+
+/// The same for a controller that takes lines of G-code.
+pub const LINES: (&str, &str) = ("shaft.nc", include_str!("../builtin/shaft.nc"));

@@ -33,9 +33,10 @@ use anyhow::Context;
 use clap::{Parser, Subcommand};
 use rustix::process::Signal as Signals;
 use tokio::signal::unix::{Signal, SignalKind, signal};
+use torno::job::LineJob;
 use torno::observe::log;
 use torno::observe::stderr::{self, say};
-use torno::play::DEMONSTRATION;
+use torno::play::{DEMONSTRATION, LINES};
 use torno::recorder::Recorder;
 use torno::rig::file::{DEFAULT, RigFile};
 use torno::text_file::TextError;
@@ -232,6 +233,33 @@ fn load_program(path: Option<&Path>, rig: &RigFile) -> anyhow::Result<Loaded> {
     let text = torno::text_file::read(path).map_err(|error| unreadable(error, &name))?;
     let program = Program::parse(&text).with_context(|| name.clone())?;
     Ok(Loaded { name, program, asked: None })
+}
+
+/// A program of lines that a rig is to play.
+struct LoadedLines {
+    name: String,
+    job: LineJob,
+    /// What it asks for, if it can be planned: the bar, as its path cuts it.
+    asked: Option<Profile>,
+}
+
+/// The lines in a file, or those of the demonstration. They begin with where the tool stands.
+fn load_lines(path: Option<&Path>, rig: &RigFile) -> anyhow::Result<LoadedLines> {
+    let (name, text) = match path {
+        None => (LINES.0.to_owned(), LINES.1.to_owned()),
+        Some(path) => {
+            let name = path.display().to_string();
+            let text = torno::text_file::read(path).map_err(|error| unreadable(error, &name))?;
+            (name, text)
+        }
+    };
+    let at = torno::planning::settings(rig, None, Default::default()).map(|settings| settings.start);
+    let first = at.map_or_else(|_| String::new(), |at| format!("G10 L20 P1 X{:.4} Z{:.4}\n", at.x, at.z));
+    if !first.is_empty() {
+        say(&format!("before the program, to say where the tool stands: {first}"));
+    }
+    let asked = gcode::plan::asked(&text, rig);
+    Ok(LoadedLines { name, job: LineJob::new(&first, &text), asked })
 }
 
 /// Why the program in a file of this name cannot be read.

@@ -5,15 +5,17 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use torno::fault::{self, FaultFile};
+use torno::job::{FrameJob, Job, LineJob};
 use torno::observe::stderr::say;
 use torno::pace::Pace;
 use torno::pins::pins;
 use torno::play::{Ended, Play, Played, Progress};
 use torno::report::page::Page;
-use torno::report::{Bar, BoardSummary, Cut, Frames, Stats, Summary, failures};
+use torno::report::{Bar, BoardSummary, Cut, Frames, Lines, Stats, Summary, failures};
 use torno::rig::file::RigFile;
 use torno::scenario::seed_text;
 use torno_machines::workpiece::ToolPath;
+use torno_part::Profile;
 use torno_protocol::lathe::Outcome;
 use torno_protocol::time::Span;
 use torno_text::parse_length;
@@ -22,8 +24,8 @@ use tracing::Instrument;
 
 use super::options::{Placement, drawing, time, timescale};
 use super::{
-    FAILED, INTERRUPTED, Interrupt, Loaded, OutputFile, load_program, load_rig, print_beside, rig_and_program,
-    rig_span, start_recording, wait_for_boards, written,
+    FAILED, INTERRUPTED, Interrupt, Loaded, LoadedLines, OutputFile, load_lines, load_program, load_rig, print_beside,
+    rig_and_program, rig_span, start_recording, wait_for_boards, written,
 };
 
 #[derive(Debug, clap::Args)]
@@ -31,7 +33,7 @@ pub(super) struct Arguments {
     /// A built-in rig or a rig file [default: lathe]
     rig: Option<String>,
     /// A program: a text file with eight hexadecimal bytes a line, or G-code (.ngc .nc .tap .gcode .cnc .gc), which is
-    /// planned first [default: a stepped shaft]
+    /// planned first, or sent as it is to a controller that takes it [default: a stepped shaft]
     program: Option<PathBuf>,
     /// Virtual seconds per second, or 'max'
     #[arg(long, default_value = "max", value_name = "N|max")]
@@ -79,7 +81,7 @@ pub(super) struct Arguments {
     /// Records everything that happens, for 'torno trace', 'torno replay' and 'torno diff'; overwrites a trace
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
-    /// Gives up when no frame has been accepted for so long, in virtual time
+    /// Gives up when nothing of the program has been accepted for so long, in virtual time
     #[arg(long, default_value = "3600 s", value_name = "TIME", value_parser = time)]
     patience: Span,
     /// Prints the summary as one line of JSON; before it, one for --await
@@ -106,8 +108,25 @@ impl Arguments {
         file: RigFile,
         program: Option<PathBuf>,
     ) -> anyhow::Result<ExitCode> {
+        if file.pc.dialect.counts_characters() {
+            let LoadedLines { name, job, asked } = load_lines(program.as_deref(), &file)?;
+            return self.play_job(started, rig, file, name, job, asked).await;
+        }
         super::plays_frames(&file)?;
-        let Loaded { name: program_name, program, asked } = load_program(program.as_deref(), &file)?;
+        let Loaded { name, program, asked } = load_program(program.as_deref(), &file)?;
+        let asked = asked.or_else(|| file.part.as_ref().map(|part| part.asked(&program)));
+        self.play_job(started, rig, file, name, FrameJob::new(program), asked).await
+    }
+
+    async fn play_job<J: Told>(
+        self,
+        started: Instant,
+        rig: String,
+        file: RigFile,
+        program_name: String,
+        job: J,
+        asked: Option<Profile>,
+    ) -> anyhow::Result<ExitCode> {
         let of_part = [
             ("--part", self.part.is_some()),
             ("--profile", self.profile.is_some()),
@@ -128,11 +147,11 @@ impl Arguments {
             [&self.vcd, &self.part, &self.profile, &self.report].map(|path| path.as_ref().map(OutputFile::create));
         let (vcd, drawing) = (vcd.transpose()?, drawing.transpose()?);
         let (profile, report) = (profile.transpose()?, report.transpose()?);
-        let asked = file.part.as_ref().map(|part| (part.clone(), asked.unwrap_or_else(|| part.asked(&program))));
+        let asked = file.part.clone().zip(asked);
         let header = file.header(&rig, seed, Some(&program_name));
         let keep = (report.is_some() || self.pins).then(|| header.clone());
         let recorder = self.record.as_deref().map(|path| start_recording(path, &header)).transpose()?;
-        let frames = program.frames.len();
+        let total = job.total();
         let tail = file.margin();
         let rig = file.name.clone();
         let waveforms = vcd.is_some();
@@ -143,10 +162,10 @@ impl Arguments {
         let started = started + waited;
         let (pace, measure) = (self.pace, self.stats);
         let patience = self.patience;
-        let play = Play { pace, faults, waveforms, measure, keep, patience, ..Play::new(file, program, driver) };
+        let play = Play { pace, faults, waveforms, measure, keep, patience, ..Play::of(file, job, driver) };
 
-        let bar = Bar::new(frames, started);
-        let progress = |progress: Progress<'_>| bar.update(progress.job.tally.accepted, Some(progress.now));
+        let bar = Bar::new(total, started);
+        let progress = |progress: Progress<'_, J>| bar.update(progress.job.accepted(), Some(progress.now));
         let mut played = play.record(recorder, progress, interrupt.received()).await?;
         bar.clear();
         for unfired in &played.unfired {
@@ -173,12 +192,41 @@ impl Arguments {
             Ended::Over | Ended::OutOfPatience => ExitCode::from(FAILED),
         };
         let (part, trace) = (cut.as_ref().map(|cut| cut.summary.clone()), played.trace.take());
-        let summary = Summary { part, ..summary(played, rig, program_name, frames, seed, started) };
+        let summary = Summary { part, ..summary(played, rig, program_name, seed, started) };
         if let (Some(file), Some(trace)) = (report, trace) {
             file.write(Page { trace: &trace, summary: Some(&summary), cut: cut.as_ref() }.html())?;
         }
         print_beside(&[&self.vcd, &self.part, &self.profile, &self.report], &written(self.json, &summary)?)?;
         Ok(code)
+    }
+}
+
+/// What is told of a job.
+trait Told: Job {
+    /// How much there is of the program.
+    fn total(&self) -> usize;
+
+    /// What came of its frames or lines, and what failed.
+    fn told(&self) -> (Option<Frames>, Option<Lines>, Vec<String>);
+}
+
+impl Told for FrameJob {
+    fn total(&self) -> usize {
+        self.program.frames.len()
+    }
+
+    fn told(&self) -> (Option<Frames>, Option<Lines>, Vec<String>) {
+        (Some(Frames::new(&self.tally, Told::total(self))), None, failures(&self.tally))
+    }
+}
+
+impl Told for LineJob {
+    fn total(&self) -> usize {
+        Self::total(self)
+    }
+
+    fn told(&self) -> (Option<Frames>, Option<Lines>, Vec<String>) {
+        (None, Some(Lines::new(self)), self.alarm.iter().cloned().collect())
     }
 }
 
@@ -188,7 +236,8 @@ fn tolerance(text: &str) -> Result<f64, String> {
     mm.ok_or_else(|| "expected mm, from 0 to 1000, such as 0.05 or '50 um'".to_owned())
 }
 
-fn summary(played: Played, rig: String, program: String, frames: usize, seed: u64, started: Instant) -> Summary {
+fn summary<J: Told>(played: Played<J>, rig: String, program: String, seed: u64, started: Instant) -> Summary {
+    let (frames, lines, failures) = played.job.told();
     let wall = started.elapsed();
     let wall_s = wall.as_secs_f64();
     let virtual_s = played.end.as_secs_f64();
@@ -197,8 +246,9 @@ fn summary(played: Played, rig: String, program: String, frames: usize, seed: u6
         port: None,
         program,
         outcome: played.outcome(),
-        frames: Frames::new(&played.job.tally, frames),
-        failures: failures(&played.job.tally).into_iter().chain(played.cut_short()).collect(),
+        frames,
+        lines,
+        failures: failures.into_iter().chain(played.cut_short()).collect(),
         virtual_s: Some(virtual_s),
         wall_s,
         speedup: Some(virtual_s / wall_s),

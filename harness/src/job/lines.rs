@@ -15,11 +15,13 @@ const WINDOW: usize = 127;
 #[derive(Clone, Debug)]
 pub struct LineJob {
     lines: Vec<String>,
+    /// So many of them come before the program's own.
+    before: usize,
     /// Lines that have been sent whole.
     pub sent: usize,
     /// Lines that have been answered with `ok`.
     pub accepted: usize,
-    /// Lines that have been refused: their numbers, from 1, and why.
+    /// Lines that have been refused: their numbers in the program, from 1, and why.
     pub refused: Vec<(usize, String)>,
     /// What has stopped the machine, if something has.
     pub alarm: Option<String>,
@@ -27,10 +29,18 @@ pub struct LineJob {
 }
 
 impl LineJob {
-    /// Nothing has been sent yet. Comments and blank lines are sent, too.
-    pub fn new(text: &str) -> Self {
-        let lines = text.lines().map(str::to_owned).collect();
-        Self { lines, sent: 0, accepted: 0, refused: Vec::new(), alarm: None, heard: Vec::new() }
+    /// A program with these lines before it; nothing has been sent yet. Comments and blank lines are sent, too.
+    pub fn new(before: &str, text: &str) -> Self {
+        let lines = before.lines().chain(text.lines()).map(str::to_owned).collect();
+        Self {
+            lines,
+            before: before.lines().count(),
+            sent: 0,
+            accepted: 0,
+            refused: Vec::new(),
+            alarm: None,
+            heard: Vec::new(),
+        }
     }
 
     /// How many lines there are.
@@ -42,7 +52,8 @@ impl LineJob {
         if line == "ok" {
             self.accepted += 1;
         } else if line.starts_with("error:") {
-            self.refused.push((self.accepted + self.refused.len() + 1, line.to_owned()));
+            let number = self.accepted + self.refused.len() + 1;
+            self.refused.push((number.saturating_sub(self.before), line.to_owned()));
         } else if line.starts_with("ALARM:") {
             self.alarm = Some(line.to_owned());
         }
@@ -170,11 +181,11 @@ mod tests {
 
     #[test]
     fn a_job_counts_the_answers_to_its_lines() {
-        let mut job = LineJob::new("G0X1\nG5\n\nM30");
-        "ok\r\nerror:20\r\nok\r\n[MSG:Pgm End]\r\n".bytes().for_each(|byte| job.received(byte));
+        let mut job = LineJob::new("G20\n", "G0X1\nG5\n\nM30");
+        "ok\r\nok\r\nerror:20\r\nok\r\n[MSG:Pgm End]\r\n".bytes().for_each(|byte| job.received(byte));
         assert!(!job.is_over());
         "ok\r\n".bytes().for_each(|byte| job.received(byte));
-        assert_eq!((job.accepted, job.refused.clone()), (3, vec![(2, "error:20".to_owned())]));
+        assert_eq!((job.accepted, job.refused.clone()), (4, vec![(2, "error:20".to_owned())]));
         assert!(job.is_over() && job.outcome() == Outcome::Rejected);
     }
 }

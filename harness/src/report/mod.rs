@@ -16,4 +16,4 @@ pub use cut::Cut;
 pub use part::{EventSummary, Measure, PartSummary, Required, Worst};
 pub use progress::{Bar, Status};
 pub use stats::{BytesPerGrant, Shares, Stats};
-pub use summary::{BoardSummary, Frames, Summary, failures};
+pub use summary::{BoardSummary, Frames, Lines, Summary, failures};

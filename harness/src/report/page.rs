@@ -154,9 +154,12 @@ impl Page<'_> {
         let speedup = self.summary.and_then(|summary| summary.speedup);
         let speedup = speedup.map_or_else(String::new, |speedup| format!("virtual, {speedup:.0} × real time"));
         card("time", "", &format!("{:.3} s", self.until()), &speedup)?;
-        if let Some(Summary { frames, .. }) = self.summary {
+        if let Some(Summary { frames: Some(frames), .. }) = self.summary {
             let more = format!("accepted of {}; {} held for a while", frames.total, frames.held);
             card("frames", "", &frames.accepted.to_string(), &more)?;
+        }
+        if let Some(Summary { lines: Some(lines), .. }) = self.summary {
+            card("lines", "", &lines.accepted.to_string(), &format!("accepted of {}", lines.total))?;
         }
         if let Some(held) = bus.states.iter().find(|state| state.name == PC_HELD && !state.spans.is_empty()) {
             let (seconds, times) = (held.seconds(), held.spans.len());
@@ -189,7 +192,8 @@ impl Page<'_> {
         let mut problems: Vec<String> = Vec::new();
         if let Some(summary) = self.summary {
             problems.extend(summary.incidents.iter().chain(&summary.failures).cloned());
-            problems.extend(summary.frames.refusals.iter().map(|refusal| format!("a frame was refused: {refusal}")));
+            let what = if summary.lines.is_some() { "line" } else { "frame" };
+            problems.extend(summary.refusals().iter().map(|refusal| format!("a {what} was refused: {refusal}")));
         }
         if let Some(summary) = self.cut.map(|cut| &cut.summary).filter(|summary| !summary.is_as_required()) {
             problems.push(format!("the part is {}: {}", summary.verdict(), summary.worst));
@@ -257,12 +261,20 @@ impl Page<'_> {
         };
         row("program", "program", &self.program())?;
         row("rig", "rig", &self.rig())?;
-        if let Some(Summary { frames, wall_s, .. }) = self.summary {
-            row("total", "frames", &frames.total)?;
-            row("sent", "sent", &frames.sent)?;
-            row("accepted", "accepted", &frames.accepted)?;
-            row("held", "held for a while", &frames.held)?;
-            row("rejected", "rejected", &frames.rejected)?;
+        if let Some(Summary { frames, lines, wall_s, .. }) = self.summary {
+            if let Some(frames) = frames {
+                row("total", "frames", &frames.total)?;
+                row("sent", "sent", &frames.sent)?;
+                row("accepted", "accepted", &frames.accepted)?;
+                row("held", "held for a while", &frames.held)?;
+                row("rejected", "rejected", &frames.rejected)?;
+            }
+            if let Some(lines) = lines {
+                row("total", "lines", &lines.total)?;
+                row("sent", "sent", &lines.sent)?;
+                row("accepted", "accepted", &lines.accepted)?;
+                row("rejected", "rejected", &lines.rejected)?;
+            }
             row("wall", "wall time", &format_args!("{wall_s:.3} s"))?;
         }
         row("virtual", "virtual time", &format_args!("{:.6} s", self.until()))?;

@@ -8,6 +8,7 @@ use serde::Serialize;
 use torno_protocol::lathe::Tally;
 
 use super::{PartSummary, Stats};
+use crate::job::LineJob;
 
 /// What is told at the end of a program; as JSON, one object on one line.
 #[derive(Clone, Debug, Serialize)]
@@ -22,8 +23,12 @@ pub struct Summary {
     pub program: String,
     /// How it ended: `completed`, `rejected`, `faulted`, `unanswered`, `interrupted`.
     pub outcome: &'static str,
-    /// The frames.
-    pub frames: Frames,
+    /// The frames, if it was made of frames.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frames: Option<Frames>,
+    /// The lines, if it was made of lines.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lines: Option<Lines>,
     /// Failures that the PC was told of.
     pub failures: Vec<String>,
     /// Virtual seconds until the rig was quiet.
@@ -74,6 +79,34 @@ pub struct Frames {
     pub refusals: Vec<String>,
 }
 
+/// The lines of a program.
+#[derive(Clone, Debug, Serialize)]
+pub struct Lines {
+    /// Lines in the program.
+    pub total: usize,
+    /// Sent.
+    pub sent: usize,
+    /// Answered with `ok`.
+    pub accepted: usize,
+    /// Refused.
+    pub rejected: usize,
+    /// Which and why, in order.
+    pub refusals: Vec<String>,
+}
+
+impl Lines {
+    /// What came of a job.
+    pub fn new(job: &LineJob) -> Self {
+        Self {
+            total: job.total(),
+            sent: job.sent,
+            accepted: job.accepted,
+            rejected: job.refused.len(),
+            refusals: job.refused.iter().map(|(line, why)| format!("{why} in line {line}")).collect(),
+        }
+    }
+}
+
 impl Frames {
     /// The tally of a conversation.
     pub fn new(conversation: &Tally, total: usize) -> Self {
@@ -103,6 +136,14 @@ pub fn failures(conversation: &Tally) -> Vec<String> {
     conversation.failures.iter().map(|(party, fault)| format!("{} failed: {fault}", party.name())).collect()
 }
 
+impl Summary {
+    /// What was refused, and why.
+    pub fn refusals(&self) -> &[String] {
+        let frames = self.frames.as_ref().map(|frames| &frames.refusals[..]);
+        frames.or(self.lines.as_ref().map(|lines| &lines.refusals[..])).unwrap_or_default()
+    }
+}
+
 /// For people, with the colours of a terminal: what writes it elsewhere strips them.
 impl fmt::Display for Summary {
     fn fmt(&self, text: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -122,17 +163,21 @@ impl fmt::Display for Summary {
         for line in self.incidents.iter().chain(&self.failures) {
             writeln!(text, "{problem}{line}{problem:#}")?;
         }
-        if !self.frames.refusals.is_empty() {
-            writeln!(text, "{problem}refused: {}{problem:#}", self.frames.refusals.join(", "))?;
+        if !self.refusals().is_empty() {
+            writeln!(text, "{problem}refused: {}{problem:#}", self.refusals().join(", "))?;
         }
-        let Frames { total, sent, accepted, held, rejected, .. } = self.frames;
         let place = self.rig.as_deref().or(self.port.as_deref()).unwrap_or_default();
         writeln!(text, "{:<9}{} on {place}", "program", self.program)?;
-        writeln!(
-            text,
-            "{:<9}{sent} of {total} sent, {accepted} accepted, {held} held for a while, {rejected} rejected",
-            "frames"
-        )?;
+        if let Some(Frames { total, sent, accepted, held, rejected, .. }) = self.frames {
+            writeln!(
+                text,
+                "{:<9}{sent} of {total} sent, {accepted} accepted, {held} held for a while, {rejected} rejected",
+                "frames"
+            )?;
+        }
+        if let Some(Lines { total, sent, accepted, rejected, .. }) = self.lines {
+            writeln!(text, "{:<9}{sent} of {total} sent, {accepted} accepted, {rejected} rejected", "lines")?;
+        }
         match (self.virtual_s, self.speedup) {
             (Some(seconds), Some(speedup)) => {
                 writeln!(

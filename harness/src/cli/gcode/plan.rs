@@ -12,8 +12,8 @@ use torno::play::{Ended, Play, Played};
 use torno::report::Bar;
 use torno::rig::Driver;
 use torno::rig::file::{DEFAULT, RigFile};
-use torno_gcode::{Finding, Motion, Outcome, Place, Settings, Severity};
-use torno_part::Place as InPlane;
+use torno_gcode::{Dialect, Finding, Interpreter, Motion, Outcome, Place, Settings, Severity};
+use torno_part::{Place as InPlane, Profile};
 use torno_planner::{Planned, Planner, Report, Side};
 use torno_protocol::lathe::Program;
 
@@ -105,6 +105,26 @@ pub(in crate::cli) fn load(path: &Path, file: &RigFile) -> anyhow::Result<Plan> 
     }
     say(&told);
     Ok(plan)
+}
+
+/// What lines for a controller ask for on a rig: the bar, as their path cuts it. None, if they cannot be planned.
+pub(in crate::cli) fn asked(text: &str, file: &RigFile) -> Option<Profile> {
+    let for_rig = planning::settings(file, None, Side::Middle).ok()?;
+    let start = Place { x: for_rig.start.x, z: for_rig.start.z, ..Place::default() };
+    let settings = Settings { dialect: Some(Dialect::LinuxCnc), start, home: start, ..Settings::default() };
+    let mut planner = Planner::new(for_rig);
+    let mut interpreter = Interpreter::new(&settings);
+    let mut take = |motion| {
+        planner.take(&motion);
+        while planner.poll().is_some() {}
+    };
+    interpreter.push(text.as_bytes(), &mut take);
+    let outcome = interpreter.finish(&mut take);
+    planner.finish();
+    while planner.poll().is_some() {}
+    let report = planner.report();
+    let profile = report.stock.filter(|_| !report.refused)?.profile;
+    (!outcome.is_refused()).then_some(profile)
 }
 
 impl Planning {
@@ -343,7 +363,7 @@ pub(super) async fn play(
 ) -> anyhow::Result<Option<Played>> {
     let bar = Bar::of_frames(program.frames.len());
     let play = Play::new(file.clone(), program.clone(), Driver::InProcess);
-    let progress = |progress: torno::play::Progress<'_>| bar.update(progress.conversation.accepted, Some(progress.now));
+    let progress = |progress: torno::play::Progress<'_>| bar.update(progress.job.tally.accepted, Some(progress.now));
     let played = play.record(None, progress, interrupt.received()).await?;
     bar.clear();
     Ok((played.ended != Ended::Interrupted).then_some(played))
