@@ -178,7 +178,7 @@ impl Work {
         let recorder = self.recorder.lock().unwrap_or_else(PoisonError::into_inner).take();
         let keep = recorder.map_or(Keep::Nothing, Keep::Recording);
         match run_one(path, scenario, &self.driver, keep) {
-            Ok(tested) => (Attempt::Tested(tested), None),
+            Ok(tested) => (Attempt::Tested(Box::new(tested)), None),
             Err(error) => {
                 let error = error.into();
                 self.bar.suspend(|| say(&format!("torno: {path}: {error:#}\n")));

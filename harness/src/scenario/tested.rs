@@ -60,7 +60,7 @@ pub struct Broken {
 #[derive(Clone, Debug)]
 pub enum Attempt {
     /// It has been run.
-    Tested(Tested),
+    Tested(Box<Tested>),
     /// It could not be.
     Broken(Broken),
 }
