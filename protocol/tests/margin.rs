@@ -35,7 +35,7 @@ enum Way {
 }
 
 fn clock(ppm: i32) -> Clock {
-    Clock::from_ppb(ppm * 1_000).unwrap()
+    Clock::from_ppb(ppm * 1_000).expect("it is in the range of clocks")
 }
 
 /// Whether these bytes, sent back to back from `from` on, are received as they are, and nothing else is.
@@ -52,7 +52,7 @@ fn passes(way: Way, off: Off, ppm: i32, bytes: &[u8], from: Instant) -> bool {
     let mut now = from;
     for _ in bytes {
         now = sender.poll_timeout().map_or(now, |at| at.max(now));
-        let loaded = sender.load(now).unwrap();
+        let loaded = sender.load(now).expect("it is free and has a byte");
         receiver.hear(&loaded.edges);
         now = loaded.end;
     }
@@ -79,7 +79,7 @@ fn first_error(way: Way, off: Off, sign: i32, characters: usize) -> i32 {
     let near = theory(way, off, sign, characters).abs() as i32;
     let looks = |ppm: &i32| ppm % (20 * STEP) == 0 || (ppm - near).abs() < 10 * STEP;
     let mut errors = (STEP..70_000).step_by(STEP as usize).filter(looks);
-    sign * errors.find(|ppm| !always_passes(way, off, sign * ppm, characters)).unwrap()
+    sign * errors.find(|ppm| !always_passes(way, off, sign * ppm, characters)).expect("the search has no end")
 }
 
 /// The theory's first error, in ppm.
