@@ -19,6 +19,8 @@ const CRATES: [Crate; 18] = [
     Crate { folder: "protocol", pure: true, may_use: &[] },
     Crate { folder: "protocol/gcode", pure: true, may_use: &[] },
     Crate { folder: "protocol/grbl", pure: true, may_use: &["protocol"] },
+    Crate { folder: "protocol/part", pure: true, may_use: &[] },
+    Crate { folder: "protocol/planner", pure: true, may_use: &["protocol", "gcode", "part"] },
     Crate { folder: "master", pure: true, may_use: &["protocol"] },
     Crate { folder: "slaves", pure: true, may_use: &["protocol"] },
     Crate { folder: "master/dspic", pure: true, may_use: &["protocol", "master", "slaves"] },
@@ -29,8 +31,6 @@ const CRATES: [Crate; 18] = [
     // It writes to whatever takes bytes, and reads from it.
     Crate { folder: "harness/trace", pure: false, may_use: &["protocol", "text", "engine", "bus"] },
     Crate { folder: "harness/identify", pure: true, may_use: &[] },
-    Crate { folder: "harness/part", pure: true, may_use: &[] },
-    Crate { folder: "harness/planner", pure: true, may_use: &["protocol", "gcode", "part"] },
     Crate { folder: "harness/plot", pure: true, may_use: &["text"] },
     Crate { folder: "harness/servo", pure: true, may_use: &[] },
     Crate {
