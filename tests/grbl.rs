@@ -8,7 +8,8 @@ use crate::pc_port::pyserial;
 /// A sender that waits for each answer, with holds and resets on the way.
 #[test]
 fn pyserial_finds_a_grbl_that_moves_a_machine() {
-    let up = Up::start(&["lathe-grbl", "--pace", "max"]);
+    // Slow enough to be seen in motion.
+    let up = Up::start(&["lathe-grbl", "--pace", "20"]);
     let script = r"
 import serial, sys, re
 port = serial.Serial(sys.argv[1], 115200, timeout=20)
