@@ -96,6 +96,18 @@ fn a_program_through_the_controller_turns_the_part_that_its_plan_turns() {
     assert!(replayed.status.success(), "{}", String::from_utf8_lossy(&replayed.stderr));
 }
 
+/// Whatever screw the carriage has, the controller knows it from the rig.
+#[test]
+fn the_controller_knows_the_axes_of_its_rig() {
+    let lengths = |set: &[&str]| {
+        let arguments = [&["run", "lathe-grbl", "--in-process", "--json"][..], set].concat();
+        let summary = json(&output(&arguments));
+        let cylinders = summary["part"]["cylinders"].as_array().unwrap().clone();
+        cylinders.iter().map(|cylinder| (cylinder["length_mm"].as_f64().unwrap() * 10.0).round()).collect::<Vec<_>>()
+    };
+    assert_eq!(lengths(&["--set", "transverse.plant.pitch_mm=1"]), lengths(&[]));
+}
+
 #[test]
 fn lines_that_are_refused_are_told_with_their_numbers() {
     let folder = folder();

@@ -12,6 +12,7 @@ mod servo;
 mod testing;
 pub mod workpiece;
 
+pub use grbl::with_axes;
 pub use lathe::{Axes, axes};
 
 use torno_bus::Dialect;

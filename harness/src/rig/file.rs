@@ -16,6 +16,7 @@ use crate::text_file::TextError;
 use torno_bus::{Dialect, Names, PcUart};
 use torno_machines::kinds::{self, KindError};
 use torno_machines::workpiece::{Part, RawPart};
+use torno_machines::{Axes, axes, with_axes};
 use torno_text::{Complaint, Invalid, nearest};
 use torno_trace::Header;
 
@@ -305,6 +306,11 @@ impl RigFile {
             let settings = board.and_then(|board| board.get_ref().get("settings")).unwrap_or(&none);
             let board = check_board(raw, settings, &boards)?;
             boards.push(board);
+        }
+        // A controller has to know the axes that it moves. The settings have been checked.
+        let axes: Vec<Axes> = boards.iter().filter_map(|board| axes(&board.kind, &board.settings).ok()).collect();
+        for board in &mut boards {
+            board.settings = with_axes(&board.kind, &board.settings, &axes);
         }
         let mut taken = Vec::new();
         let mut end = |end: &Spanned<String>| {

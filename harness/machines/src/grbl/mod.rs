@@ -3,6 +3,8 @@
 mod boards;
 mod dialect;
 
+pub use boards::with_axes;
+
 use crate::Machine;
 
 /// The machine.
