@@ -95,8 +95,12 @@ pub(crate) struct Board {
 impl Board {
     /// One with power that has said who it is.
     pub(crate) fn new() -> Self {
-        let all = Abilities { axes: [true; 3], counterclockwise: true };
-        let controller = Controller::new(Memory::new(Settings::default()), all, Puppet::default());
+        Self::with(Abilities { axes: [true; 3], counterclockwise: true })
+    }
+
+    /// The same in front of a machine that can do so much.
+    pub(crate) fn with(abilities: Abilities) -> Self {
+        let controller = Controller::new(Memory::new(Settings::default()), abilities, Puppet::default());
         let mut board = Self { controller, now: Instant::START };
         board.controller.power_on(board.now);
         board.said();
