@@ -1,0 +1,87 @@
+(A handle from a bar of 28 mm. Z0 is its finished face. For a controller of the kind of GRBL: X is a radius.)
+G21 G18 G90 G40 G94
+G92 Z0.5 (the bar's face is 0.5 mm in front of it)
+S1000 M3
+(face)
+G0 Z0
+G1 X-0.4 F100
+G0 Z1
+(rough: 0.5 mm a pass, 0.4 mm are left on)
+G0 X13.4
+G1 Z-40 F200
+G0 X13.8
+G0 Z1
+G0 X12.9
+G1 Z-40 F200
+G0 X13.3
+G0 Z1
+G0 X12.4
+G1 Z-31.565 F200
+G0 X12.8
+G0 Z1
+G0 X11.9
+G1 Z-28.765 F200
+G0 X12.3
+G0 Z1
+G0 X11.4
+G1 Z-25.965 F200
+G0 X11.8
+G0 Z1
+G0 X10.9
+G1 Z-23.165 F200
+G0 X11.3
+G0 Z1
+G0 X10.4
+G1 Z-11.5732 F200
+G0 X10.8
+G0 Z1
+G0 X9.9
+G1 Z-11.5983 F200
+G0 X10.3
+G0 Z1
+G0 X9.4
+G1 Z-11.5394 F200
+G0 X9.8
+G0 Z1
+G0 X8.9
+G1 Z-11.3911 F200
+G0 X9.3
+G0 Z1
+G0 X8.4
+G1 Z-11.1377 F200
+G0 X8.8
+G0 Z1
+G0 X7.9
+G1 Z-10.7424 F200
+G0 X8.3
+G0 Z1
+G0 X7.4
+G1 Z-10.0967 F200
+G0 X7.8
+G0 Z1
+(finish: the nose has a radius of 0.4 mm)
+S1500
+G0 X5.765
+G1 Z0 F120
+G1 X7 Z-1.234 (chamfer)
+G1 Z-9.4
+G2 X9.6 Z-12 R2.6 (fillet)
+G1 X10
+G1 Z-20.365
+G1 X12.5 Z-34.365 (taper)
+G1 Z-40
+G1 X14.4
+(groove, in two passes)
+G0 Z-14.494
+G1 X10.2
+G1 Z-14.994
+G1 X9.5 Z-15.994
+G1 Z-17
+G1 X10.2
+G0 Z-14.994
+G1 X10
+G1 X9 Z-16.994
+G1 Z-17
+G1 X14.4
+G0 Z1
+M2
