@@ -44,4 +44,5 @@ mod stats;
 mod sweep;
 mod tidy;
 mod trace;
+mod turning;
 mod verdicts;
