@@ -3,7 +3,7 @@
 use std::fs;
 use std::os::unix::fs::symlink;
 use std::path::Path;
-use std::process::Command;
+use std::process::{Command, Stdio};
 
 use crate::common::folder;
 
@@ -29,7 +29,9 @@ fn commands(page: &str) -> Vec<(String, String)> {
 fn lasting(printed: &str) -> Vec<String> {
     let processes = ["harness", "grbl", "master", "spindle", "transverse", "depth"];
     let lasting = |line: &str| match line.split_once(' ') {
-        Some((name, rest)) if processes.contains(&name) => rest.trim_start_matches(|c: char| c == ' ' || c.is_ascii_digit()).to_owned(),
+        Some((name, rest)) if processes.contains(&name) => {
+            rest.trim_start_matches(|c: char| c == ' ' || c.is_ascii_digit()).to_owned()
+        }
         _ => line.split(" virtual in ").next().unwrap().to_owned(),
     };
     printed.lines().map(lasting).collect()
@@ -53,8 +55,9 @@ fn the_worked_page_is_what_its_commands_print_and_draw() {
     assert!(commands.len() >= 8, "{commands:?}");
     for (command, shown) in commands {
         // Both streams in one, as a terminal shows them.
-        let shell = ["-c", &format!("exec 2>&1; {command}")];
-        let output = Command::new("sh").args(shell).env("PATH", &path).current_dir(&docs).output().unwrap();
+        let mut shell = Command::new("sh");
+        shell.args(["-c", &format!("exec 2>&1; {command}")]).env("PATH", &path).env_remove("RUST_LOG");
+        let output = shell.current_dir(&docs).stdin(Stdio::null()).output().unwrap();
         let printed = String::from_utf8(output.stdout).unwrap();
         assert_eq!(lasting(&printed), lasting(&shown), "{command}");
         let expected = if command.contains("thread.ngc") && command.starts_with("torno") { 2 } else { 0 };
