@@ -113,7 +113,14 @@ fn with_spread(data: &Data, regression: &Regression, coefficients: &DVector<f64>
         Some(times * libm::sqrt((by.transpose() * &spread * by)[0].max(0.0))).filter(|half| half.is_finite())
     };
     let estimate = |value: f64, by: &DVector<f64>| Estimate { value, half: half(by) };
-    Fitted { gain: estimate(gain, &by_gain), tau: estimate(tau, &by_tau), start: 0.0, friction: None, offset: None }
+    Fitted {
+        gain: estimate(gain, &by_gain),
+        tau: estimate(tau, &by_tau),
+        start: 0.0,
+        friction: None,
+        offset: None,
+        dead: None,
+    }
 }
 
 /// With a row of nothing for the first sample, of which a regression makes none.

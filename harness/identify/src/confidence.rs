@@ -81,8 +81,7 @@ fn edges(data: &Data, gain: f64, noise: &Noise, path: &[f64]) -> Option<DMatrix<
         return None;
     }
     let late = libm::sqrt(excess / square);
-    let first = data.samples()[0].input;
-    let mut before = if data.starts_at_rest() { 0.0 } else { first };
+    let mut before = data.input_before();
     let mut changes: Vec<(usize, f64)> = Vec::new();
     for (row, sample) in data.samples().iter().enumerate() {
         let change = sample.input - before;

@@ -7,6 +7,9 @@ const LEAST: usize = 20;
 /// The largest deviation from even spacing, as a share of it. (Ours.)
 const EVEN: f64 = 0.01;
 
+/// A change of the input is at the end of an interval if it is nearer to it than this share of a period: rounding.
+const SHORTEST: f64 = 1e-9;
+
 /// Fewer samples before the motor is driven do not tell what the sensor says then. (Ours.)
 const UNDRIVEN: usize = 4;
 /// With fewer counts in a time constant, there is no telling when in it they came. (Ours.)
@@ -97,9 +100,38 @@ impl Data {
         self
     }
 
-    /// The same with other samples, as many and at the same times.
+    /// The same with other samples, from the same start to the same end.
     pub(crate) fn with_samples(&self, samples: Vec<Sample>) -> Self {
         Self { samples, ..self.clone() }
+    }
+
+    /// The same with its input later by `dead` seconds. An interval is parted where the input changes within it: the
+    /// number of each part's interval is given, too. The parts have no speed.
+    pub(crate) fn late(&self, dead: f64) -> (Self, Vec<usize>) {
+        let shortest = SHORTEST * self.period;
+        let starts = core::iter::once(self.start).chain(self.samples.iter().map(|sample| sample.time));
+        let mut coming = starts.zip(&self.samples).map(|(start, sample)| (start + dead, sample.input)).peekable();
+        let (mut input, mut begin) = (self.input_before(), self.start);
+        let (mut parts, mut intervals) = (Vec::new(), Vec::new());
+        for (interval, sample) in self.samples.iter().enumerate() {
+            while let Some((at, next)) = coming.next_if(|(at, _)| *at < sample.time - shortest) {
+                if next != input && at > begin + shortest {
+                    parts.push(Sample { time: at, input, speed: 0.0 });
+                    intervals.push(interval);
+                    begin = at;
+                }
+                input = next;
+            }
+            parts.push(Sample { time: sample.time, input, speed: 0.0 });
+            intervals.push(interval);
+            begin = sample.time;
+        }
+        (self.with_samples(parts), intervals)
+    }
+
+    /// The input before the first sample, as far as can be told.
+    pub(crate) fn input_before(&self) -> f64 {
+        if self.starts_at_rest() { 0.0 } else { self.samples[0].input }
     }
 
     /// What the sensor tells.

@@ -29,31 +29,25 @@ pub fn of(data: &Data, fitted: &Fitted) -> Vec<Finding> {
     let (gain, tau, start) = (fitted.gain.value, fitted.tau.value, fitted.start);
     let friction = fitted.friction.map_or(0.0, |friction| friction.value);
     let offset = fitted.offset.map_or(0.0, |offset| offset.value);
-    let moved = simulate::run(data, gain, tau, start, friction);
+    let dead = fitted.dead.map_or(0.0, |dead| dead.value);
+    let at = [gain, tau, friction, dead, start];
+    let moved = simulate::run(data, at);
     let residuals =
         DVector::from_iterator(moved.len(), data.samples().iter().zip(&moved).map(|(a, b)| a.speed - b.seen - offset));
-    let (_, all) = simulate::with_friction(data, [gain, tau, friction, start], true);
-    // Gain, time constant and friction, if the model has it; and the start, unless it was at rest.
-    let kept = [true, true, fitted.friction.is_some(), !data.starts_at_rest()];
-    let mut columns: Vec<DVector<f64>> =
-        (0..4).filter(|column| kept[*column]).map(|column| all.column(column).into_owned()).collect();
-    columns.extend(fitted.offset.map(|_| DVector::from_element(moved.len(), 1.0)));
-    let jacobian = DMatrix::from_columns(&columns);
-    let late = DVector::from_iterator(
-        moved.len(),
-        moved.iter().zip(data.samples()).zip(data.intervals()).map(|((moved, sample), length)| {
-            let [begin, end] = moved.ends;
-            match data.sensor() {
-                Sensor::Mean => -(end - begin) / length,
-                Sensor::Instant => -(gain * sample.input - end) / tau,
-            }
-        }),
-    );
+    // Gain and time constant, friction and dead time if the model has them; and the start, unless it was at rest.
+    let free = [true, true, fitted.friction.is_some(), fitted.dead.is_some(), !data.starts_at_rest()];
+    let (_, mut jacobian) = simulate::derived(data, at, free);
+    if fitted.offset.is_some() {
+        let last = jacobian.ncols();
+        jacobian = jacobian.insert_column(last, 1.0);
+    }
+    let late = DVector::from_vec(simulate::later(data, &moved, gain, tau));
     let mut doubts = Vec::new();
     let largest = data.samples().iter().map(|sample| sample.input.abs()).fold(0.0, f64::max);
     // What explains a pattern leaves none; otherwise it is not the explanation.
     let mut pattern = has_pattern(data, tau, &jacobian, &residuals);
-    if let Some((found, left)) = wanted(data, tau, &jacobian, &late, &residuals)
+    if fitted.dead.is_none()
+        && let Some((found, left)) = wanted(data, tau, &jacobian, &late, &residuals)
         && found.abs() > (DELAY[0] * tau).max(DELAY[1] * data.period())
     {
         pattern |= left;
@@ -74,7 +68,8 @@ pub fn of(data: &Data, fitted: &Fitted) -> Vec<Finding> {
 
 /// What friction of 1 would change, for as long as it does not stop the motor.
 fn friction_of(data: &Data, fitted: &Fitted) -> DVector<f64> {
-    let moved = simulate::run(data, fitted.gain.value, fitted.tau.value, fitted.start, 0.0);
+    let dead = fitted.dead.map_or(0.0, |dead| dead.value);
+    let moved = simulate::run(data, [fitted.gain.value, fitted.tau.value, 0.0, dead, fitted.start]);
     let kept = data.intervals().map(|length| libm::exp(-length / fitted.tau.value));
     let mut speed = 0.0;
     let column = moved.iter().zip(kept).map(|(moved, kept)| {

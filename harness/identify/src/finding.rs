@@ -123,6 +123,12 @@ pub enum Finding {
     /// No friction can be told from the data.
     #[error("no friction can be seen: without it, the motor explains the data as well")]
     NoFriction,
+    /// No dead time can be told from the data.
+    #[error("no dead time distinguishable from 0: at most {most} s (95 %)")]
+    NoDeadTime {
+        /// The end of its interval, in s.
+        most: f64,
+    },
     /// No offset can be told from the data.
     #[error("no offset can be seen while the motor is not driven")]
     NoOffset,

@@ -71,15 +71,26 @@ pub struct Fitted {
     pub friction: Option<Estimate>,
     /// What the sensor tells too much, in units of speed; None if it was not looked for.
     pub offset: Option<Estimate>,
+    /// The dead time between drive and motor, in s; None if it was not looked for.
+    pub dead: Option<Estimate>,
 }
 
 impl Fitted {
     /// Without anything said on how sure it is.
     pub const fn bare(gain: f64, tau: f64) -> Self {
-        Self { gain: Estimate::bare(gain), tau: Estimate::bare(tau), start: 0.0, friction: None, offset: None }
+        let (gain, tau) = (Estimate::bare(gain), Estimate::bare(tau));
+        Self { gain, tau, start: 0.0, friction: None, offset: None, dead: None }
     }
 
-    /// The transfer function.
+    /// Takes the intervals of gain, time constant and dead time away: they are those of another motor.
+    pub const fn forget_intervals(&mut self) {
+        (self.gain.half, self.tau.half) = (None, None);
+        if let Some(dead) = &mut self.dead {
+            dead.half = None;
+        }
+    }
+
+    /// The transfer function, without the dead time.
     pub const fn model(&self) -> FirstOrder {
         FirstOrder { gain: self.gain.value, tau: self.tau.value }
     }

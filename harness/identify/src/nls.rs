@@ -8,6 +8,7 @@ use nalgebra::storage::Owned;
 use nalgebra::{DMatrix, DVector, Dyn};
 
 use crate::confidence::half_widths;
+use crate::data::rounded;
 use crate::noise::Noise;
 use crate::simulate::{self, jacobian, respond};
 use crate::{Data, Estimate, Finding, Fitted, Sensor};
@@ -27,6 +28,13 @@ const AT_REST: f64 = 0.02;
 const FRICTIONS: [f64; 4] = [0.02, 0.1, 0.3, 0.5];
 /// Friction below this share of the largest input is none. (Ours.)
 const LEAST_FRICTION: f64 = 0.002;
+/// Delays tried to begin with, from a sample to a share of the data. (Ours.)
+const DELAYS: usize = 24;
+const LONGEST_DEAD: f64 = 0.25;
+/// A dead time is there that is so many times half of its interval, as friction and an offset are. (Ours.)
+const CLEAR: f64 = 2.0;
+/// A dead time below this share of a sample is none. (Ours.)
+const LEAST_DEAD: f64 = 0.02;
 /// A sensor that is off by a smaller share of the greatest speed is not worth a word. (Ours.)
 const LEAST_OFFSET: f64 = 0.005;
 /// Data of fewer time constants are no ground for a gain. (Ours.)
@@ -104,7 +112,14 @@ pub(crate) fn unchecked(data: &Data) -> Result<Fitted, Finding> {
     let (p, halves) = weighed(data, DVector::from_vec(start), &evaluate)?;
     let estimate = |value: f64, place: usize| Estimate { value, half: halves.as_ref().map(|halves| halves[place]) };
     let start = p.get(2).copied().unwrap_or(0.0);
-    Ok(Fitted { gain: estimate(p[0], 0), tau: estimate(libm::exp(p[1]), 1), start, friction: None, offset: None })
+    Ok(Fitted {
+        gain: estimate(p[0], 0),
+        tau: estimate(libm::exp(p[1]), 1),
+        start,
+        friction: None,
+        offset: None,
+        dead: None,
+    })
 }
 
 /// Fits Coulomb friction besides, of data whose input changes: at one level, friction is a smaller gain.
@@ -122,7 +137,9 @@ pub fn with_friction(data: &Data) -> Result<Fitted, Finding> {
     let of = |p: &DVector<f64>| [p[0], libm::exp(p[1]), largest * p[2], p.get(3).copied().unwrap_or(0.0)];
     let evaluate = |p: &DVector<f64>| {
         let at = of(p);
-        let (seen, mut jacobian) = simulate::with_friction(data, at, free_start);
+        let [gain, tau, friction, start] = at;
+        let free = [true, true, true, false, free_start];
+        let (seen, mut jacobian) = simulate::derived(data, [gain, tau, friction, 0.0, start], free);
         jacobian.column_mut(1).scale_mut(at[1]);
         jacobian.column_mut(2).scale_mut(largest);
         (DVector::from_vec(seen) - &measured, jacobian)
@@ -151,7 +168,64 @@ pub fn with_friction(data: &Data) -> Result<Fitted, Finding> {
         return Err(Finding::NoFriction);
     }
     let (gain, tau) = (Estimate { value: gain, half: half(0, 1.0) }, Estimate { value: tau, half: half(1, 1.0) });
-    check(data, Fitted { gain, tau, start, friction: Some(friction), offset: None })
+    check(data, Fitted { gain, tau, start, friction: Some(friction), offset: None, dead: None })
+}
+
+/// Fits a dead time besides, between drive and motor.
+///
+/// # Errors
+/// [`Finding::NoDeadTime`] if there is none to be seen; otherwise as [`first_order`].
+pub fn with_dead_time(data: &Data) -> Result<Fitted, Finding> {
+    let fitted = any_dead_time(data)?;
+    let Some(Estimate { value, half: Some(half) }) = fitted.dead else { return Err(Finding::NoConvergence) };
+    if value <= (CLEAR * half).max(LEAST_DEAD * data.period()) {
+        return Err(Finding::NoDeadTime { most: rounded((value + half).max(0.0)) });
+    }
+    check(data, fitted)
+}
+
+/// The same, whatever it means: of a motor without dead time, it comes out on both sides of 0.
+///
+/// # Errors
+/// [`Finding::NoConvergence`] if the fit does not converge.
+pub fn any_dead_time(data: &Data) -> Result<Fitted, Finding> {
+    let first = unchecked(data)?;
+    let measured = DVector::from_iterator(data.samples().len(), data.samples().iter().map(|sample| sample.speed));
+    let free_start = !data.starts_at_rest();
+    let period = data.period();
+    let of = |p: &DVector<f64>| [p[0], libm::exp(p[1]), 0.0, period * p[2], p.get(3).copied().unwrap_or(0.0)];
+    let evaluate = |p: &DVector<f64>| {
+        let at = of(p);
+        let (seen, mut jacobian) = simulate::derived(data, at, [true, true, false, true, free_start]);
+        jacobian.column_mut(1).scale_mut(at[1]);
+        jacobian.column_mut(2).scale_mut(period);
+        (DVector::from_vec(seen) - &measured, jacobian)
+    };
+    // The best of some delays to begin with; each takes a part of the time constant.
+    let begin = |dead: f64, tau: f64| {
+        let mut p = vec![first.gain.value, libm::log(tau), dead / period];
+        p.extend(free_start.then_some(first.start));
+        DVector::from_vec(p)
+    };
+    let longest = LONGEST_DEAD * data.seconds();
+    let delays = (0..DELAYS).map(|n| period * libm::pow(longest / period, n as f64 / (DELAYS - 1) as f64));
+    let (tau, least) = (first.tau.value, 0.2 * period);
+    let tried = core::iter::once(0.0)
+        .chain(delays)
+        .flat_map(|dead| [tau, tau - 0.5 * dead, tau - dead].map(|tau| begin(dead, tau.max(least))));
+    let left = |p: DVector<f64>| {
+        let pairs = data.samples().iter().zip(simulate::run(data, of(&p)));
+        (pairs.map(|(sample, moved)| squared(sample.speed - moved.seen)).sum::<f64>(), p)
+    };
+    let (_, p) = tried.map(left).min_by(|a, b| a.0.total_cmp(&b.0)).ok_or(Finding::NoConvergence)?;
+    let (p, halves) = weighed(data, p, &evaluate)?;
+    let [gain, tau, _, dead, start] = of(&p);
+    let estimate = |value: f64, place: usize, unit: f64| Estimate {
+        value,
+        half: halves.as_ref().map(|halves| unit * halves[place]),
+    };
+    let (gain, tau) = (estimate(gain, 0, 1.0), estimate(tau, 1, 1.0));
+    Ok(Fitted { gain, tau, start, friction: None, offset: None, dead: Some(estimate(dead, 2, period)) })
 }
 
 /// Fits an offset of the sensor besides, of data that show one while the motor stands and is not driven.
@@ -190,7 +264,7 @@ pub fn with_offset(data: &Data) -> Result<Fitted, Finding> {
     }
     let (gain, tau) = (estimate(p[0], 0, 1.0), estimate(libm::exp(p[1]), 1, 1.0));
     let start = p.get(3).copied().unwrap_or(0.0);
-    check(data, Fitted { gain, tau, start, friction: None, offset: Some(offset) })
+    check(data, Fitted { gain, tau, start, friction: None, offset: Some(offset), dead: None })
 }
 
 /// Least squares, each sample weighed by what it says that is new: the parameters, of which the second is the logarithm

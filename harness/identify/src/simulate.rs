@@ -12,7 +12,8 @@ pub(crate) fn speeds(data: &Data, fitted: &Fitted) -> Vec<f64> {
     let (gain, tau) = (fitted.gain.value, fitted.tau.value);
     let friction = fitted.friction.map_or(0.0, |friction| friction.value);
     let offset = fitted.offset.map_or(0.0, |offset| offset.value);
-    run(data, gain, tau, fitted.start, friction).into_iter().map(|moved| moved.seen + offset).collect()
+    let dead = fitted.dead.map_or(0.0, |dead| dead.value);
+    run(data, [gain, tau, friction, dead, fitted.start]).into_iter().map(|moved| moved.seen + offset).collect()
 }
 
 /// What an interval makes.
@@ -24,8 +25,54 @@ pub(crate) struct Moved {
     pub(crate) ends: [f64; 2],
 }
 
+/// The motor of gain, time constant, Coulomb friction, dead time and speed at the start: what it is driven with comes
+/// later by the dead time. Below 0, which no motor has, the dead time goes on as it begins at 0: so an estimate is free
+/// to scatter to both sides.
+pub(crate) fn run(data: &Data, [gain, tau, friction, dead, start]: [f64; 5]) -> Vec<Moved> {
+    if dead <= 0.0 {
+        let moved = lag(data, gain, tau, start, friction);
+        if dead == 0.0 {
+            return moved;
+        }
+        let late = later(data, &moved, gain, tau);
+        return moved
+            .iter()
+            .zip(late)
+            .map(|(moved, late)| Moved { seen: moved.seen + dead * late, ..*moved })
+            .collect();
+    }
+    let (parted, intervals) = data.late(dead);
+    let mut whole: Vec<Moved> = Vec::new();
+    let parts = lag(&parted, gain, tau, start, friction).into_iter().zip(parted.intervals()).zip(intervals);
+    let lengths: Vec<f64> = data.intervals().collect();
+    for ((part, length), interval) in parts {
+        let share = if data.sensor() == Sensor::Mean { length / lengths[interval] } else { 1.0 };
+        match whole.get_mut(interval) {
+            Some(moved) if data.sensor() == Sensor::Mean => {
+                moved.seen += share * part.seen;
+                moved.ends[1] = part.ends[1];
+            }
+            Some(moved) => *moved = Moved { seen: part.seen, ends: [moved.ends[0], part.ends[1]] },
+            None => whole.push(Moved { seen: share * part.seen, ..part }),
+        }
+    }
+    whole
+}
+
+/// What a delay of 1 s would change, if it were as little as to change nothing else.
+pub(crate) fn later(data: &Data, moved: &[Moved], gain: f64, tau: f64) -> Vec<f64> {
+    let of = |((moved, sample), length): ((&Moved, &crate::Sample), f64)| {
+        let [begin, end] = moved.ends;
+        match data.sensor() {
+            Sensor::Mean => -(end - begin) / length,
+            Sensor::Instant => -(gain * sample.input - end) / tau,
+        }
+    };
+    moved.iter().zip(data.samples()).zip(data.intervals()).map(of).collect()
+}
+
 /// The motor with Coulomb friction: τ·dv/dt = K·(u − F·sgn v) − v, and at rest for as long as |u| is not above F.
-pub(crate) fn run(data: &Data, gain: f64, tau: f64, start: f64, friction: f64) -> Vec<Moved> {
+fn lag(data: &Data, gain: f64, tau: f64, start: f64, friction: f64) -> Vec<Moved> {
     let mut speed = start;
     let interval = |(sample, length): (&crate::Sample, f64)| {
         let (begin, mut way, mut left) = (speed, 0.0, length);
@@ -50,30 +97,25 @@ pub(crate) fn run(data: &Data, gain: f64, tau: f64, start: f64, friction: f64) -
     data.samples().iter().zip(data.intervals()).map(interval).collect()
 }
 
-/// The speeds with friction, and their derivatives by gain, time constant, friction and, if that is free, the speed at
-/// the start: numerically, as there is none where the motor stops.
-pub(crate) fn with_friction(
-    data: &Data,
-    [gain, tau, friction, start]: [f64; 4],
-    free_start: bool,
-) -> (Vec<f64>, DMatrix<f64>) {
-    let seen = |[gain, tau, friction, start]: [f64; 4]| -> Vec<f64> {
-        run(data, gain, tau, start, friction).into_iter().map(|moved| moved.seen).collect()
-    };
-    let at = [gain, tau, friction, start];
+/// The speeds with friction and dead time, and their derivatives by those of gain, time constant, friction, dead time
+/// and speed at the start that are free: numerically, as there is none where the motor stops.
+pub(crate) fn derived(data: &Data, at: [f64; 5], free: [bool; 5]) -> (Vec<f64>, DMatrix<f64>) {
+    let seen = |at: [f64; 5]| -> Vec<f64> { run(data, at).into_iter().map(|moved| moved.seen).collect() };
+    let [gain, tau, ..] = at;
     let largest = data.samples().iter().map(|sample| sample.input.abs()).fold(0.0, f64::max);
-    let steps = [STEP * gain.abs(), STEP * tau, STEP * largest, STEP * gain.abs() * largest];
-    let columns = if free_start { 4 } else { 3 };
-    let mut jacobian = DMatrix::zeros(data.samples().len(), columns);
-    for column in 0..columns {
+    let steps =
+        [STEP * gain.abs(), STEP * tau, STEP * largest, STEP * tau.min(data.period()), STEP * gain.abs() * largest];
+    let places: Vec<usize> = (0..5).filter(|place| free[*place]).collect();
+    let mut jacobian = DMatrix::zeros(data.samples().len(), places.len());
+    for (column, place) in places.into_iter().enumerate() {
         let beside = |sign: f64| {
             let mut at = at;
-            at[column] += sign * steps[column];
+            at[place] += sign * steps[place];
             seen(at)
         };
         let (after, before) = (beside(1.0), beside(-1.0));
         for (row, (after, before)) in after.iter().zip(&before).enumerate() {
-            jacobian[(row, column)] = (after - before) / (2.0 * steps[column]);
+            jacobian[(row, column)] = (after - before) / (2.0 * steps[place]);
         }
     }
     (seen(at), jacobian)

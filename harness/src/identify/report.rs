@@ -56,13 +56,15 @@ pub enum Method {
     Nls,
     /// The same, with Coulomb friction in the model.
     NlsFriction,
+    /// The same, with a dead time between drive and motor.
+    NlsDead,
     /// The same, with an offset of the sensor.
     NlsOffset,
 }
 
 impl Method {
     /// All, as they are shown.
-    const ALL: [Self; 11] = [
+    const ALL: [Self; 12] = [
         Self::Eq4,
         Self::Eq4Mean,
         Self::LogLinear,
@@ -73,6 +75,7 @@ impl Method {
         Self::ArxIv,
         Self::Nls,
         Self::NlsFriction,
+        Self::NlsDead,
         Self::NlsOffset,
     ];
 
@@ -88,6 +91,7 @@ impl Method {
             Self::ArxIv => "ARX, instrumental variables",
             Self::Nls => "non-linear least squares",
             Self::NlsFriction => "non-linear LS, with friction",
+            Self::NlsDead => "non-linear LS, with dead time",
             Self::NlsOffset => "non-linear LS, with offset",
         }
     }
@@ -111,12 +115,12 @@ impl Method {
 
     /// Whether it looks for something that most motors and sensors do not have.
     const fn is_extra(self) -> bool {
-        matches!(self, Self::NlsFriction | Self::NlsOffset)
+        matches!(self, Self::NlsFriction | Self::NlsDead | Self::NlsOffset)
     }
 
     /// Whether its result is worth to be built on.
     const fn is_recommended(self) -> bool {
-        matches!(self, Self::Nls | Self::NlsFriction | Self::NlsOffset | Self::ArxIv)
+        matches!(self, Self::Nls | Self::ArxIv) || self.is_extra()
     }
 
     fn apply(self, recording: &Recording) -> Result<(Fitted, Option<SecondOrder>), Finding> {
@@ -137,6 +141,7 @@ impl Method {
             Self::ArxIv => arx::instrumental_variables(data),
             Self::Nls => nls::first_order(data),
             Self::NlsFriction => nls::with_friction(data),
+            Self::NlsDead => nls::with_dead_time(data),
             Self::NlsOffset => nls::with_offset(data),
             Self::PeakSettling | Self::PeakOvershoot | Self::ClosedNls => {
                 let closed = closed()?;
@@ -179,6 +184,12 @@ pub struct Row {
     /// Where it is in 95 of 100 cases.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub friction_interval: Option<[f64; 2]>,
+    /// The dead time between drive and motor, in s, if the method looks for it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub dead_s: Option<f64>,
+    /// Where it is in 95 of 100 cases.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub dead_s_interval: Option<[f64; 2]>,
     /// What the sensor tells too much, in units of speed, if the method looks for it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub offset: Option<f64>,
@@ -208,7 +219,7 @@ impl Row {
         let asked = fitted.as_ref().filter(|_| method.is_recommended());
         let mut doubts = asked.map_or(Vec::new(), |fitted| doubt::of(&recording.data, fitted));
         if let Some(fitted) = fitted.as_mut().filter(|_| !doubts.is_empty()) {
-            (fitted.gain.half, fitted.tau.half) = (None, None);
+            fitted.forget_intervals();
         }
         // The intervals are right even so: the model has the offset.
         let offset = fitted.as_ref().and_then(|fitted| fitted.offset);
@@ -216,6 +227,7 @@ impl Row {
         let of = |number: fn(&Fitted) -> Estimate| fitted.as_ref().map(number);
         let (gain, tau) = (of(|fitted| fitted.gain), of(|fitted| fitted.tau));
         let friction = fitted.as_ref().and_then(|fitted| fitted.friction);
+        let dead = fitted.as_ref().and_then(|fitted| fitted.dead);
         Self {
             method,
             recommended: method.is_recommended() && fitted.is_some(),
@@ -229,6 +241,8 @@ impl Row {
             residual_rms: fitted.as_ref().map(|fitted| nls::residual_rms(&recording.data, fitted)),
             friction: friction.map(|friction| friction.value),
             friction_interval: friction.and_then(|friction| friction.interval()),
+            dead_s: dead.map(|dead| dead.value),
+            dead_s_interval: dead.and_then(|dead| dead.interval()),
             offset: offset.map(|offset| offset.value),
             offset_interval: offset.and_then(|offset| offset.interval()),
             doubts: doubts.iter().map(Finding::to_string).collect(),
@@ -246,9 +260,9 @@ impl Row {
 
     /// Takes the intervals away: they are those of another motor.
     fn doubt(&mut self, doubt: String) {
-        (self.gain_interval, self.tau_s_interval) = (None, None);
+        (self.gain_interval, self.tau_s_interval, self.dead_s_interval) = (None, None, None);
         if let Some(fitted) = &mut self.fitted {
-            (fitted.gain.half, fitted.tau.half) = (None, None);
+            fitted.forget_intervals();
         }
         self.doubts.push(doubt);
     }
@@ -263,6 +277,20 @@ fn doubt_what_lacks_friction(runs: &mut [Run]) {
     for row in runs.iter_mut().flat_map(|run| &mut run.methods) {
         if row.recommended && row.friction.is_none() && row.doubts.is_empty() {
             row.doubt(format!("friction of {} shows in the {input}, and is not in this model", digits(friction)));
+        }
+    }
+}
+
+/// Where one experiment shows a dead time, models without it are wrong in all of them.
+fn doubt_what_lacks_dead_time(runs: &mut [Run]) {
+    let rows = || runs.iter().flat_map(|run| run.methods.iter().map(move |row| (run, row)));
+    let sound = rows().filter(|(_, row)| row.doubts.is_empty());
+    let Some((input, dead)) = sound.filter_map(|(run, row)| Some((run.input.clone(), row.dead_s?))).next() else {
+        return;
+    };
+    for row in runs.iter_mut().flat_map(|run| &mut run.methods) {
+        if row.recommended && row.dead_s.is_none() && row.doubts.is_empty() {
+            row.doubt(format!("a dead time of {} s shows in the {input}, and is not in this model", digits(dead)));
         }
     }
 }
@@ -380,6 +408,10 @@ pub struct Outcome {
     /// Where it is in 95 of 100 cases.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub friction_interval: Option<[f64; 2]>,
+    /// The dead time between drive and motor, in s, which `s` and `z` do not have; None if none shows.
+    pub dead_s: Option<f64>,
+    /// Where it is in 95 of 100 cases.
+    pub dead_s_interval: Option<[f64; 2]>,
     /// How much of the response the model explains, in %.
     pub fit_percent: f64,
     /// What speaks against it.
@@ -410,6 +442,7 @@ impl Identification {
         let mut runs: Vec<Run> = recordings.into_iter().map(|recording| Run::of(recording, only)).collect();
         runs.retain(|run| !run.methods.is_empty() || run.finding.is_some());
         doubt_what_lacks_friction(&mut runs);
+        doubt_what_lacks_dead_time(&mut runs);
         doubt_what_lacks_offset(&mut runs);
         let rows = || runs.iter().flat_map(|run| run.methods.iter().map(move |row| (run, row)));
         let worthy = rows().filter(|(_, row)| row.fitted.is_some() && (only.is_some() || row.recommended));
@@ -464,6 +497,8 @@ impl Identification {
             tau_s_interval: fitted.tau.interval().filter(|_| agreed),
             friction: fitted.friction.map(|friction| friction.value),
             friction_interval: fitted.friction.and_then(|friction| friction.interval()),
+            dead_s: fitted.dead.map(|dead| dead.value),
+            dead_s_interval: fitted.dead.and_then(|dead| dead.interval()).filter(|_| agreed),
             fit_percent: fit_percent.unwrap_or_default(),
             warnings,
             model,
@@ -535,13 +570,21 @@ impl fmt::Display for Identification {
         let Units { input: input_unit, speed } = &self.units;
         let what = if self.axis { "position" } else { "speed" };
         writeln!(text, "{:<9}{bold}{}{bold:#}: {what} ({speed} per {input_unit})", "motor", self.subject)?;
-        writeln!(text, "{:<9}{bold}{}{bold:#} = {}", "in s", ratio(s, 's'), normal_form(*gain, *tau_s, self.axis))?;
+        let (late, beside) = match self.result.dead_s {
+            Some(dead) => (format!(" e^(-{} s)", digits(dead)), ", without the dead time"),
+            None => (String::new(), ""),
+        };
+        let normal = normal_form(*gain, *tau_s, self.axis);
+        writeln!(text, "{:<9}{bold}{}{late}{bold:#} = {normal}{late}", "in s", ratio(s, 's'))?;
         let period = short(1e3 * self.period_s);
-        writeln!(text, "{:<9}{bold}{}{bold:#}   held and sampled every {period} ms", "in z", ratio(z, 'z'))?;
+        writeln!(text, "{:<9}{bold}{}{bold:#}   held and sampled every {period} ms{beside}", "in z", ratio(z, 'z'))?;
         writeln!(text, "{:<9}{}", "gain", estimate(*gain, *gain_interval, &format!("{speed} per {input_unit}")))?;
         writeln!(text, "{:<9}{}", "tau", estimate(*tau_s, *tau_s_interval, "s"))?;
         if let Some(friction) = self.result.friction {
             writeln!(text, "{:<9}{}", "friction", estimate(friction, self.result.friction_interval, input_unit))?;
+        }
+        if let Some(dead) = self.result.dead_s {
+            writeln!(text, "{:<9}{}", "dead", estimate(dead, self.result.dead_s_interval, "s"))?;
         }
         writeln!(text, "{:<9}{fit_percent:.1} % of the response; {}, {input}", "fit", method.words())?;
         if let Some(dac) = &self.converter {
@@ -643,6 +686,9 @@ impl Row {
         }
         if let Some(friction) = self.friction {
             write!(text, "   friction {}", digits(friction))?;
+        }
+        if let Some(dead) = self.dead_s {
+            write!(text, "   dead time {} s", digits(dead))?;
         }
         if let Some(offset) = self.offset {
             write!(text, "   offset {}", digits(offset))?;

@@ -53,6 +53,8 @@ pub(crate) struct Flaws {
     pub(crate) eccentric: f64,
     /// Counts in its revolution.
     pub(crate) per_rev: f64,
+    /// The drive reaches the motor so much later, in s.
+    pub(crate) dead: f64,
 }
 
 impl Bench {
@@ -101,7 +103,7 @@ impl Bench {
         let mut before = start;
         for (n, input) in (1..).zip(inputs) {
             let count = self.count();
-            self.pass(*input, WINDOW, PIECES);
+            self.pass_late(*input, &inputs[..n as usize - 1]);
             let counts = self.count() - count;
             let time = self.stamp(WINDOW * f64::from(n));
             let length = if self.flaws.jitter > 0.0 { time - before } else { WINDOW };
@@ -109,6 +111,22 @@ impl Bench {
             samples.push(Sample { time, input: *input, speed: counts * quantum * WINDOW / length });
         }
         Data::new(Sensor::Mean, start, samples, quantum).unwrap()
+    }
+
+    /// Lets a window pass after others, with the dead time.
+    fn pass_late(&mut self, input: f64, before: &[f64]) {
+        let windows = self.flaws.dead / WINDOW;
+        if windows == 0.0 {
+            return self.pass(input, WINDOW, PIECES);
+        }
+        let set = |ago: usize| {
+            let place = (before.len() + 1).checked_sub(ago + 1);
+            place.map_or(0.0, |place| before.get(place).copied().unwrap_or(input))
+        };
+        let (whole, part) = (windows.floor() as usize, windows.fract());
+        for (ago, share) in [(whole + 1, part), (whole, 1.0 - part)] {
+            self.pass(set(ago), share * WINDOW, (share * PIECES as f64).ceil().max(1.0) as usize);
+        }
     }
 
     /// What the clock says at a time.
