@@ -352,6 +352,31 @@ fn the_open_loop_stands_beside_the_closed_one() {
     assert!((0.7..0.9).contains(&damping), "{damping}");
 }
 
+#[test]
+fn a_dead_time_is_found() {
+    for (board, gain, tau) in [("transverse", 7_500.0 / 255.0, 0.718_75), ("spindle", 19.0, 2.8)] {
+        for dead_ms in [10.0, 50.0] {
+            let set = format!("{board}.plant.dead_ms={dead_ms}");
+            let found = json(&output(&["identify", board, "--set", &set, "--json"]));
+            let result = &found["result"];
+            assert_eq!(result["method"], "nls-dead", "{found}");
+            near(&result["dead_s"], 1e-3 * dead_ms, 5.0);
+            near(&result["gain"], gain, 0.1);
+            near(&result["tau_s"], tau, 0.1);
+            assert!(result["warnings"].as_array().unwrap().is_empty(), "{result}");
+        }
+        // A motor without dead time is what it was.
+        let found = json(&output(&["identify", board, "--json"]));
+        assert!(found["result"]["method"] != "nls-dead" && found["result"]["dead_s"].is_null(), "{found}");
+        assert!(found["result"]["dead_s_interval"].is_null());
+    }
+    assert!(text(&["identify", "transverse"]).contains("\ndead     no dead time distinguishable from 0: at most 0.00"));
+    let none = complaint(&["identify", "transverse", "--method", "nls-dead"]);
+    assert!(none.contains("no dead time distinguishable from 0: at most "), "{none}");
+    let found = text(&["identify", "transverse", "--set", "transverse.plant.dead_ms=50"]);
+    assert!(found.contains("\ndead     0.0") && found.contains(" e^(-0.0"), "{found}");
+}
+
 /// The board itself says whether the delay margin holds.
 #[test]
 fn a_dead_time_is_held_against_the_delay_margin() {
@@ -476,9 +501,16 @@ fn what_contradicts_itself_is_said_to() {
     let late: String = (0..200).map(row).collect();
     fs::write(path, format!("time_s,input_v,speed\n{late}")).unwrap();
     let found = json(&output(&["identify", "--from", path, "--json"]));
-    assert!(found["result"]["warnings"][0].as_str().unwrap().contains("s late"), "{found}");
-    assert!(found["result"]["tau_s_interval"].is_null());
-    assert!(text(&["tune", "--from", path]).contains("warning   the response is about 0.04"));
+    let result = &found["result"];
+    near(&result["dead_s"], 0.04, 0.1);
+    near(&result["tau_s"], 0.5, 0.1);
+    assert!(result["dead_s_interval"].is_array() && result["warnings"].as_array().unwrap().is_empty(), "{found}");
+    assert!(text(&["tune", "--from", path]).contains("the plant has 40 ms of dead time; proposed: "));
+    // Without the dead time in the model.
+    let found = json(&output(&["identify", "--from", path, "--method", "nls", "--json"]));
+    let result = &found["result"];
+    assert!(result["warnings"][0].as_str().unwrap().contains("s late"), "{found}");
+    assert!(result["tau_s_interval"].is_null() && result["dead_s"].is_null());
     // Counting backwards.
     fs::write(path, format!("time_s,input_v,speed\n{}", late.replace(",5,", ",-5,"))).unwrap();
     assert!(text(&["identify", "--from", path]).contains("the encoder counts backwards"));

@@ -124,11 +124,14 @@ pub enum Finding {
     #[error("no friction can be seen: without it, the motor explains the data as well")]
     NoFriction,
     /// No dead time can be told from the data.
-    #[error("no dead time distinguishable from 0: at most {most} s (95 %)")]
+    #[error("no dead time distinguishable from 0: at most {most} s")]
     NoDeadTime {
         /// The end of its interval, in s.
         most: f64,
     },
+    /// The input is one value throughout, and the motor was not at rest.
+    #[error("a dead time cannot be seen: the input does not change")]
+    NoChange,
     /// No offset can be told from the data.
     #[error("no offset can be seen while the motor is not driven")]
     NoOffset,

@@ -179,7 +179,7 @@ pub fn with_dead_time(data: &Data) -> Result<Fitted, Finding> {
     let fitted = any_dead_time(data)?;
     let Some(Estimate { value, half: Some(half) }) = fitted.dead else { return Err(Finding::NoConvergence) };
     if value <= (CLEAR * half).max(LEAST_DEAD * data.period()) {
-        return Err(Finding::NoDeadTime { most: rounded((value + half).max(0.0)) });
+        return Err(Finding::NoDeadTime { most: rounded(value.max(0.0) + half) });
     }
     check(data, fitted)
 }
@@ -187,8 +187,12 @@ pub fn with_dead_time(data: &Data) -> Result<Fitted, Finding> {
 /// The same, whatever it means: of a motor without dead time, it comes out on both sides of 0.
 ///
 /// # Errors
-/// [`Finding::NoConvergence`] if the fit does not converge.
+/// [`Finding::NoChange`] if the input never changes; [`Finding::NoConvergence`] if the fit does not converge.
 pub fn any_dead_time(data: &Data) -> Result<Fitted, Finding> {
+    let before = data.input_before();
+    if data.samples().iter().all(|sample| sample.input == before) {
+        return Err(Finding::NoChange);
+    }
     let first = unchecked(data)?;
     let measured = DVector::from_iterator(data.samples().len(), data.samples().iter().map(|sample| sample.speed));
     let free_start = !data.starts_at_rest();

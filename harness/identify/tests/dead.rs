@@ -4,7 +4,7 @@
 mod bench;
 
 use bench::{Axis, Bench, Flaws, SPINDLE, feed};
-use torno_identify::{Data, Estimate, Finding, doubt, nls, prbs};
+use torno_identify::{Data, Estimate, Finding, Sample, Sensor, doubt, nls, prbs};
 
 const SEEDS: u64 = 30;
 
@@ -91,4 +91,23 @@ fn any_dead_time_is_found() {
             );
         }
     }
+}
+
+#[test]
+fn a_motor_in_motion_under_one_input_shows_no_dead_time() {
+    let sample = |n: u32| {
+        let time = 0.03 * f64::from(n);
+        Sample { time, input: 20.0, speed: 380.0 - 200.0 * libm::exp(-time / 2.8) }
+    };
+    let data = Data::new(Sensor::Instant, 0.0, (1..300).map(sample).collect(), 0.0).unwrap();
+    assert_eq!(nls::with_dead_time(&data), Err(Finding::NoChange));
+    // A second lag is no dead time: what is left has a pattern.
+    let sample = |n: u32| {
+        let time = 0.03 * f64::from(n);
+        let fast = 0.3 * libm::exp(-time / 0.3);
+        Sample { time, input: 20.0, speed: 380.0 * (1.0 - (2.8 * libm::exp(-time / 2.8) - fast) / 2.5) }
+    };
+    let data = Data::new(Sensor::Instant, 0.0, (1..600).map(sample).collect(), 0.0).unwrap();
+    let doubts = nls::with_dead_time(&data).map(|fitted| doubt::of(&data, &fitted));
+    assert!(matches!(doubts.as_deref(), Ok([Finding::Pattern { .. }])), "{doubts:?}");
 }

@@ -356,6 +356,9 @@ pub struct Run {
     /// Why nothing came of it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub finding: Option<String>,
+    /// Why there is no dead time.
+    #[serde(skip)]
+    no_dead: Option<String>,
     #[serde(skip)]
     recording: Option<Recording>,
 }
@@ -416,6 +419,8 @@ pub struct Outcome {
     pub fit_percent: f64,
     /// What speaks against it.
     pub warnings: Vec<String>,
+    #[serde(skip)]
+    no_dead: Option<String>,
     #[serde(skip)]
     model: FirstOrder,
 }
@@ -501,6 +506,8 @@ impl Identification {
             dead_s_interval: fitted.dead.and_then(|dead| dead.interval()).filter(|_| agreed),
             fit_percent: fit_percent.unwrap_or_default(),
             warnings,
+            // Beside friction or an offset it was not looked for.
+            no_dead: run.no_dead.clone().filter(|_| !method.is_extra()),
             model,
         };
         Ok(Self { subject, units, period_s, axis, notes: Vec::new(), converter: None, result, runs })
@@ -586,6 +593,9 @@ impl fmt::Display for Identification {
         if let Some(dead) = self.result.dead_s {
             writeln!(text, "{:<9}{}", "dead", estimate(dead, self.result.dead_s_interval, "s"))?;
         }
+        if let Some(none) = &self.result.no_dead {
+            writeln!(text, "{:<9}{none}", "dead")?;
+        }
         writeln!(text, "{:<9}{fit_percent:.1} % of the response; {}, {input}", "fit", method.words())?;
         if let Some(dac) = &self.converter {
             let step = self.runs.iter().find_map(|run| run.recording.as_ref()?.data.step());
@@ -640,21 +650,22 @@ impl Run {
             Ok(recording) => recording,
             Err(Useless { what, finding }) => {
                 let finding = Some(finding.to_string());
-                return Self { input: what, samples: 0, methods: Vec::new(), finding, recording: None };
+                return Self { input: what, samples: 0, methods: Vec::new(), finding, no_dead: None, recording: None };
             }
         };
         let closed = recording.closed.is_some();
         let wanted = Method::ALL.into_iter().filter(|method| only.is_none_or(|only| only == *method));
         let methods = wanted.filter(|method| method.fits(&recording.data, closed));
-        let methods = methods.map(|method| Row::of(method, &recording));
+        let mut methods: Vec<Row> = methods.map(|method| Row::of(method, &recording)).collect();
+        let no_dead = methods.iter().find(|row| row.method == Method::NlsDead).and_then(|row| row.finding.clone());
         // Most motors have none: there is nothing to be told of that.
-        let methods = methods.filter(|row| only.is_some() || !row.method.is_extra() || row.fitted.is_some());
-        let methods = methods.collect();
+        methods.retain(|row| only.is_some() || !row.method.is_extra() || row.fitted.is_some());
         Self {
             input: recording.what.clone(),
             samples: recording.data.samples().len(),
             methods,
             finding: None,
+            no_dead,
             recording: Some(recording),
         }
     }

@@ -38,7 +38,7 @@ pub struct Tuning {
     pub form: Option<(String, &'static str)>,
     /// What is to be set, and where, if there is a rig.
     pub settings: Vec<(String, f64)>,
-    /// The dead time of the rig's plant, in s, which the forecasts do not have.
+    /// The dead time of the rig's plant, or without a rig of the data, in s: the forecasts do not have it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub dead_s: Option<f64>,
     /// What it will do.
@@ -99,6 +99,10 @@ impl Tuning {
         };
         let form = on_rig.filter(|(_, subject)| subject.motor.printed.is_some());
         let form = form.map(|(_, subject)| (subject.setting(FORM), working_form(&controller)));
+        let dead_s = match on_rig {
+            Some((_, subject)) => Some(subject.motor.dead_s).filter(|dead| *dead > 0.0),
+            None => motor.result.dead_s,
+        };
         let placed = |name: &str| on_rig.map_or_else(|| name.to_owned(), |(_, subject)| subject.setting(name));
         let settings: Vec<(String, f64)> = names.map(placed).into_iter().zip(controller.values()).collect();
         let mut tuning = Self {
@@ -106,7 +110,7 @@ impl Tuning {
             law,
             form,
             settings,
-            dead_s: on_rig.map(|(_, subject)| subject.motor.dead_s).filter(|dead| *dead > 0.0),
+            dead_s,
             forecast,
             present: None,
             present_finding: None,
