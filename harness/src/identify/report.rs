@@ -447,8 +447,8 @@ impl Identification {
         let mut runs: Vec<Run> = recordings.into_iter().map(|recording| Run::of(recording, only)).collect();
         runs.retain(|run| !run.methods.is_empty() || run.finding.is_some());
         doubt_what_lacks_friction(&mut runs);
-        doubt_what_lacks_dead_time(&mut runs);
         doubt_what_lacks_offset(&mut runs);
+        doubt_what_lacks_dead_time(&mut runs);
         let rows = || runs.iter().flat_map(|run| run.methods.iter().map(move |row| (run, row)));
         let worthy = rows().filter(|(_, row)| row.fitted.is_some() && (only.is_some() || row.recommended));
         let best = worthy.min_by(|(_, a), (_, b)| a.rank().partial_cmp(&b.rank()).unwrap_or(Ordering::Equal));
