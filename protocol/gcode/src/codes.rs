@@ -94,10 +94,16 @@ impl Code {
     }
 }
 
+/// Whether a G word, in tenths, is a cycle.
+pub(crate) const fn is_cycle(code: u16) -> bool {
+    matches!(code, 700 | 710..=712 | 720..=722)
+}
+
 #[inline]
 fn group(code: Code) -> Read<Group> {
     Ok(match code.tenths {
         0 | 10 | 20 | 30 | 800 => Group::Motion,
+        tenths if is_cycle(tenths) => Group::Motion,
         170 | 180 | 190 => Group::Plane,
         900 | 910 => Group::Distance,
         901 | 911 => Group::ArcDistance,
@@ -123,7 +129,6 @@ fn not_understood<T>(code: Code) -> Read<T> {
         50..=53 | 60..=63 => "splines",
         410 | 411 | 420 | 421 => "the compensation of the tool's nose",
         432 => "further tool offsets",
-        700..=702 | 710..=712 | 720..=722 => "roughing and finishing cycles of LinuxCNC",
         730 | 740 | 810 | 820 | 830 | 840 | 850 | 860 | 870 | 880 | 890 => "drilling and tapping cycles",
         171 | 181 | 191 => "planes of U, V and W",
         _ => return fault(code.at, format!("{} is not known", code.name())),

@@ -3,12 +3,12 @@
 use crate::arc;
 use crate::block::{Block, mask};
 use crate::canon::{Feed, Kind, Plane, Sense, Turn};
-use crate::codes::{Codes, Group, MGroup};
+use crate::codes::{Codes, Group, MGroup, is_cycle};
 use crate::finding::{Read, fault};
 use crate::machine::{AXES, FeedMode, Machine, Sink};
 
-/// Executes a line.
-pub(crate) fn execute(machine: &mut Machine, block: &Block, strict: bool, sink: Sink<'_>) -> Read<()> {
+/// Executes a line, but for a cycle, whose word it returns, in tenths.
+pub(crate) fn execute(machine: &mut Machine, block: &Block, strict: bool, sink: Sink<'_>) -> Read<Option<u16>> {
     let codes = Codes::of(block)?;
     if let Some(code) = codes.unknown {
         if strict {
@@ -24,6 +24,12 @@ pub(crate) fn execute(machine: &mut Machine, block: &Block, strict: bool, sink: 
     if let Some(motion) = motion {
         match motion {
             800 => machine.motion = None,
+            code if is_cycle(code) => {
+                if codes.m(MGroup::Stop).is_some() {
+                    return fault(0, "a line with a cycle neither stops nor ends the program");
+                }
+                return Ok(Some(code));
+            }
             code => {
                 let absolute_machine = codes.g(Group::Once) == Some(530);
                 move_by(machine, block, code, absolute_machine, sink)?;
@@ -31,7 +37,7 @@ pub(crate) fn execute(machine: &mut Machine, block: &Block, strict: bool, sink: 
         }
     }
     stop(machine, &codes, sink);
-    Ok(())
+    Ok(None)
 }
 
 /// The motion that a line makes, as far as its words say so.
@@ -83,7 +89,7 @@ fn motion_of(machine: &Machine, block: &Block, codes: &Codes) -> Read<Option<u16
 /// Refuses a word that no other word of its line uses.
 #[inline]
 fn are_used(block: &Block, codes: &Codes, motion: Option<u16>) -> Read<()> {
-    if !block.has_any(const { mask(b"ijkpqrldeh") }) {
+    if !block.has_any(const { mask(b"ijkpqrldeh") }) || motion.is_some_and(is_cycle) {
         return Ok(());
     }
     let once = codes.g(Group::Once);

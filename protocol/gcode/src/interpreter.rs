@@ -7,10 +7,11 @@ use crate::block::{Block, Content};
 use crate::canon::{Kind, Motion, Place};
 use crate::dialect::Dialect;
 use crate::execute::execute;
-use crate::fanuc::cycles::{self, Cycle};
+use crate::fanuc::cycles;
 use crate::fanuc::{self, Next, Programs};
 use crate::finding::{Fault, Finding, Read, Severity, column, fault};
 use crate::flow::{self, Keyword, Mark, Marks};
+use crate::lathe;
 use crate::lexer::{Cursor, Lines};
 use crate::machine::{LOCALS, Machine, Sink};
 
@@ -18,6 +19,10 @@ use crate::machine::{LOCALS, Machine, Sink};
 const FINDINGS_MAX: usize = 20;
 /// Calls are nested this deep at most, as in LinuxCNC.
 const CALLS_MAX: usize = 10;
+const ONLY_MOTIONS: &str = "a contour holds motions only";
+
+/// Executes a line of a contour aside, on this machine.
+type ReadContour<'f> = &'f mut dyn FnMut(&Block, &[u8], &mut Machine, Sink<'_>) -> Read<()>;
 
 /// How a program is read.
 #[derive(Clone, Debug, PartialEq)]
@@ -52,7 +57,7 @@ pub struct Outcome {
     pub findings: Vec<Finding>,
     /// Its lines.
     pub lines: usize,
-    /// Lines executed.
+    /// Lines executed, and motions of cycles.
     pub steps: u64,
     /// Motions that came of it.
     pub motions: u64,
@@ -214,7 +219,7 @@ impl Program {
                     self.done = true;
                 }
             }
-            Ok(Content::Words) => self.words(line, sink),
+            Ok(Content::Words) => self.words(line, None, sink),
             Ok(Content::Percent) if self.any_block || self.percent => self.done = true,
             Ok(Content::Percent) => self.percent = true,
             // The number of the program; another one follows its end.
@@ -232,11 +237,37 @@ impl Program {
         self.text.push(line);
     }
 
-    /// Executes the block that has been read.
+    /// Executes the block that has been read; of a text that is kept, which line of it that is.
     #[inline]
-    fn words(&mut self, line: &[u8], sink: Sink<'_>) {
-        let result = self.block_read(sink);
+    fn words(&mut self, line: &[u8], kept: Option<(&Text, usize)>, sink: Sink<'_>) {
+        let result = match self.block_read(sink) {
+            Ok(None) => Ok(()),
+            Ok(Some(code)) => self.lathe_cycle(code, kept, sink),
+            Err(fault) => Err(fault),
+        };
         self.executed(line, result);
+    }
+
+    /// Cuts a contour that is a subroutine.
+    #[cold]
+    fn lathe_cycle(&mut self, code: u16, kept: Option<(&Text, usize)>, sink: Sink<'_>) -> Read<()> {
+        let cycle = lathe::Cycle::of(&self.machine, &self.block, code)?;
+        let label = cycle.sub.0.to_string();
+        let found = kept.and_then(|(text, nth)| {
+            let start = text.marks.sub(&label).filter(|sub| sub.line < nth)?.line;
+            Some((text, start, text.marks.behind(&label, start, &[Keyword::EndSub])?.line))
+        });
+        let Some((text, start, end)) = found else {
+            return fault(cycle.sub.1, format!("the subroutine o{label} is not in the file before this line"));
+        };
+        let mut reader = cycle.reader(&self.machine);
+        let read =
+            &mut |block: &Block, _: &[u8], reader: &mut Machine, sink: Sink<'_>| lathe::read(reader, block, sink);
+        let Some(motions) = self.contour(text, start + 1..end, &mut reader, read) else { return Ok(()) };
+        let before = self.machine.motions;
+        let result = lathe::run(&cycle, &mut self.machine, &motions, sink);
+        self.outcome.steps += self.machine.motions - before;
+        result
     }
 
     /// The same in Fanuc's dialect; says where the program goes on.
@@ -270,7 +301,7 @@ impl Program {
     }
 
     #[inline]
-    fn block_read(&mut self, sink: Sink<'_>) -> Read<()> {
+    fn block_read(&mut self, sink: Sink<'_>) -> Read<Option<u16>> {
         for (parameter, value, at) in &self.block.assignments {
             self.machine.assign(parameter, *value, *at)?;
         }
@@ -362,7 +393,7 @@ impl Program {
             nth += 1;
             match self.block.read(line, &self.machine, self.settings.skip_deleted) {
                 Ok(Content::Nothing) => {}
-                Ok(Content::Words) => self.words(line, sink),
+                Ok(Content::Words) => self.words(line, Some((&text, nth - 1)), sink),
                 Ok(Content::Percent) => self.done = true,
                 Ok(Content::OWord(at)) => match self.flow(&text, nth - 1, at) {
                     Ok(next) => {
@@ -477,30 +508,48 @@ impl Program {
     }
 
     /// Cuts a contour: these lines of the text.
-    fn cycle(&mut self, text: &Text, cycle: &Cycle, lines: (usize, usize), nth: usize, sink: Sink<'_>) {
+    fn cycle(&mut self, text: &Text, cycle: &cycles::Cycle, lines: (usize, usize), nth: usize, sink: Sink<'_>) {
         let mut aside = self.machine.clone();
         let mut state = self.fanuc.clone();
+        let strict = self.settings.strict;
+        let read = &mut |block: &Block, line: &[u8], aside: &mut Machine, sink: Sink<'_>| {
+            let next = fanuc::execute(aside, &mut state, block, line, strict, sink)?;
+            if next == Next::Line { Ok(()) } else { fault(0, ONLY_MOTIONS) }
+        };
+        let Some(motions) = self.contour(text, lines.0..lines.1 + 1, &mut aside, read) else { return };
+        let before = self.machine.motions;
+        let result = cycles::run(cycle, &mut self.machine, &motions, sink);
+        self.outcome.steps += self.machine.motions - before;
+        if let Err(fault) = result {
+            self.tell(text.line(nth), Severity::Error, &fault);
+        }
+    }
+
+    /// What the lines of a contour ask for, executed aside; none if one of them is refused.
+    fn contour(
+        &mut self,
+        text: &Text,
+        lines: core::ops::Range<usize>,
+        aside: &mut Machine,
+        execute: ReadContour<'_>,
+    ) -> Option<Vec<Motion>> {
         let mut block = Block::default();
         let mut motions = Vec::new();
-        for contour in lines.0..=lines.1 {
-            let line = text.line(contour);
+        let here = self.machine.line;
+        for nth in lines {
+            let line = text.line(nth);
             if !self.may_step(line) {
-                return;
+                return None;
             }
-            aside.line = text.first + contour;
-            let read = block.read(line, &aside, self.settings.skip_deleted);
+            aside.line = text.first + nth;
             let sink = &mut |motion| motions.push(motion);
-            let result = match read {
-                Ok(Content::Words) => {
-                    fanuc::execute(&mut aside, &mut state, &block, line, self.settings.strict, sink).and_then(|next| {
-                        if next == Next::Line { Ok(()) } else { fault(0, "a contour holds motions only") }
-                    })
-                }
+            let result = match block.read(line, &*aside, self.settings.skip_deleted) {
+                Ok(Content::Words) => execute(&block, line, aside, sink),
                 Ok(Content::Nothing) => Ok(()),
-                Ok(_) => fault(0, "a contour holds motions only"),
+                Ok(_) => fault(0, ONLY_MOTIONS),
                 Err(fault) => Err(fault),
             };
-            let here = core::mem::replace(&mut self.machine.line, text.first + contour);
+            self.machine.line = aside.line;
             let failed = result.is_err();
             if let Err(fault) = result {
                 self.tell(line, Severity::Error, &fault);
@@ -511,13 +560,10 @@ impl Program {
             self.machine.line = here;
             if failed {
                 self.machine.lost = true;
-                return;
+                return None;
             }
         }
-        let result = cycles::run(cycle, &mut self.machine, &motions, sink);
-        if let Err(fault) = result {
-            self.tell(text.line(nth), Severity::Error, &fault);
-        }
+        Some(motions)
     }
 
     /// The line that follows an O word.

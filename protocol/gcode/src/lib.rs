@@ -18,6 +18,7 @@ mod block;
 mod canon;
 mod codes;
 mod columns;
+mod contour;
 mod dialect;
 mod execute;
 mod expression;
@@ -25,6 +26,7 @@ mod fanuc;
 mod finding;
 mod flow;
 mod interpreter;
+mod lathe;
 mod lexer;
 mod machine;
 

@@ -236,3 +236,22 @@ fn a_motion_that_is_printed_is_read_again() {
         }
     }
 }
+
+#[test]
+fn g70_leads_out_along_x_too() {
+    // LinuxCNC 2.9.0~pre1 cuts into the part here; later ones do not.
+    let text = "G18 G21 G8 F9\no1 sub\nG0 Z-8\nG1 X10\nZ-3\nX4\nZ0\no1 endsub\nG0 X20 Z1\nG70 Q1 D0.4 E0.4\nM2\n";
+    let (motions, outcome) = interpret(text.as_bytes(), &Settings::default());
+    assert!(!outcome.is_refused(), "{:?}", outcome.findings);
+    let end = |motion: &Motion| match motion.kind {
+        Kind::Rapid { to } | Kind::Feed { to, .. } | Kind::Arc { to, .. } => Some([to.x, to.z]),
+        _ => None,
+    };
+    let places: Vec<[f64; 2]> = motions.iter().skip(2).filter_map(end).collect();
+    // All along, 0.4 mm are left; corners that point outward are rounded.
+    let wanted =
+        [[20.0, 1.0], [20.0, 1.0], [20.0, -7.6], [10.4, -7.6], [10.4, -3.0], [10.0, -2.6], [4.4, -2.6], [4.4, 0.0]];
+    assert_eq!(places.len(), wanted.len(), "{places:?}");
+    let near = |(a, b): (&[f64; 2], &[f64; 2])| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-9);
+    assert!(places.iter().zip(&wanted).all(near), "{places:?}");
+}

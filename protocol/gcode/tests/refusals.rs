@@ -26,7 +26,18 @@ fn what_the_language_refuses_is_told_with_its_place() {
         ("G33 Z-5 K1", "2:1: G33 is not supported yet: threads"),
         ("G76 P1", "2:1: G76 is not supported yet: threads"),
         ("G41", "2:1: G41 is not supported yet: the compensation of the tool's nose"),
-        ("G71 Q100", "2:1: G71 is not supported yet: roughing and finishing cycles of LinuxCNC"),
+        ("G71 Q100", "2:5: the subroutine o100 is not in the file before this line"),
+        ("G71 X1", "2:1: the cycle needs a Q word: the subroutine of its contour"),
+        ("G71 Q1.5", "2:5: the number of a subroutine is a whole number, 0 or more; it is 1.5"),
+        ("G71 Q1 I0", "2:8: I of the cycle, the depth of a cut, is more than 0"),
+        ("G72.1 Q1 D-1", "2:10: D of the cycle is 0 or more"),
+        ("G71 Q1 P2", "2:8: G71 and G72 take no P word"),
+        ("G70 Q1 I2", "2:8: G70 takes no I word"),
+        ("G70 Q1 P0", "2:8: P of G70 is 1 to 10000"),
+        ("G17 G71 Q1", "2:5: the cycle is for the plane X Z: expected G18 before it"),
+        ("G91 G71 Q1", "2:5: the cycle goes with absolute coordinates (G90)"),
+        ("G93 G71 Q1", "2:5: the cycle does not go with G93"),
+        ("G71 Q1 M2", "2:1: a line with a cycle neither stops nor ends the program"),
         ("G81 Z1", "2:1: G81 is not supported yet: drilling and tapping cycles"),
         ("G10 L1 P1 X1", "2:5: G10 L1 is not supported yet: there is no table of tools"),
         ("G10 L2 P1 R30", "2:11: G10 with R is not supported yet: a rotated coordinate system"),
@@ -86,6 +97,34 @@ fn what_the_language_refuses_is_told_with_its_place() {
     for (text, expected) in cases {
         assert_eq!(of(text), expected, "{text}");
     }
+}
+
+#[test]
+fn contours_of_cycles_are_refused_with_their_place() {
+    let cases = [
+        ("G0 X5 Z0", "G71 Q1", "6:1: the contour of the cycle needs a straight motion to its start, and one more"),
+        ("G0 X5 Z0\nG1 Z-5 X6 M8", "G71 Q1", "5:11: a contour holds G0 to G3 only, not M8"),
+        ("G0 X5 Z0\nG1 Z-5 T1", "G71 Q1", "5:8: a contour takes no T word"),
+        ("G0 X5 Z0\n#1=3", "G71 Q1", "5:1: a contour gives no value to a parameter"),
+        ("G0 X5 Z0\no2 if [1]", "G71 Q1", "5:1: a contour holds motions only"),
+        ("X5 Z0", "G71 Q1", "4:1: there is an axis, and no motion (G0 to G3) is in effect"),
+        ("G0 X5 Z0\nG3 X7 Z-2 R2\nX9 Z-4 R2", "G71 Q1", "6:1: an arc of a contour needs its G3 in the line"),
+        ("G0 X5 Z0\nG2 X7 Z-2 R-2", "G71 Q1", "5:11: R of an arc of a contour is more than 0"),
+        ("G0 X5 Z0\nG1 Z-5\nX8 Z-3\nX9 Z-9", "G71 Q1", "9:1: the contour of the cycle turns back in Z"),
+        ("G0 X5 Z9\nG1 Z-5\nX8 Z-7", "G71 Q1", "8:1: the contour of the cycle turns back in Z, or starts behind"),
+        ("G0 X5 Z0\nG1 Z-5\nX8 Z-7", "G71 X4 Q1", "8:1: the cycle starts inside of the contour"),
+        ("G0 X5 Z0\nG1 Z-5\nX8 Z-7", "G71 Q1 I0.0001", "8:1: the cycle has more than 10000 passes"),
+        ("G0 X5 Z0\nG1 Z-5\nG2 X7 Z-7 R2\nG1 X9", "G71 Q1 D2", "9:1: the contour of the cycle has no room for"),
+        ("G0 X5 Z0\nG1 Z-5 F5\nX8 Z-7", "G71 Q1", "5:8: warning: F in a contour has no effect"),
+    ];
+    for (contour, cycle, expected) in cases {
+        let found = of(&format!("G0 X10 Z1\no1 sub\n{contour}\no1 endsub\n{cycle}"));
+        assert!(found.starts_with(expected), "{contour:?} {cycle}: {found}");
+    }
+    // Many cycles in a loop end, too.
+    let text =
+        "G0 X10 Z1 F9\no1 sub\nG0 X5 Z0\nG1 Z-5\nX8 Z-7\no1 endsub\no2 while [1]\nG0 X10 Z1\nG71 Q1 I0.01\no2 endwhile";
+    assert!(of(text).contains("more than 10000 lines have been executed"), "{}", of(text));
 }
 
 #[test]

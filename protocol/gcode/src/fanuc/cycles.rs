@@ -3,17 +3,13 @@
 //! A contour is a list of blocks of the program. What these blocks ask for is found by executing them aside; the cycle
 //! then cuts towards it.
 
-use crate::arc;
 use crate::block::{Block, Code, mask};
-use crate::canon::{Feed, Kind, Motion, Place, Plane, Turn};
+use crate::canon::{Feed, Motion};
+use crate::contour::{Cut, Frame, NEAR, PASSES_MAX, Pockets, Segment, Step, point, rough, segments};
 use crate::execute::{feed_of, whole};
 use crate::fanuc::state::{State, target};
 use crate::finding::{Read, fault};
 use crate::machine::{Machine, Sink};
-
-/// So many passes of one cycle.
-const PASSES_MAX: f64 = 10_000.0;
-const NEAR: f64 = 1e-9;
 
 /// A cycle with a contour.
 #[derive(Clone, Debug, PartialEq)]
@@ -82,97 +78,31 @@ pub(crate) fn of(machine: &Machine, state: &mut State, block: &Block, code: Opti
     Ok(Some(Cycle { code, at, blocks, left, depth, lift: state.lift, away: state.away, passes }))
 }
 
-/// A straight line or an arc of a contour, in the machine's coordinates.
-#[derive(Clone, Copy, Debug)]
-struct Segment {
-    from: [f64; 4],
-    to: [f64; 4],
-    /// Centre in Z and X, sense.
-    arc: Option<([f64; 2], Turn)>,
-    /// None of a rapid.
-    feed: Option<Feed>,
-}
-
-/// The segments of a contour that begins here.
-fn segments(start: [f64; 4], motions: &[Motion]) -> Vec<Segment> {
-    let mut from = start;
-    let mut segments = Vec::new();
-    for motion in motions {
-        let (to, arc, feed) = match motion.kind {
-            Kind::Rapid { to } => (to, None, None),
-            Kind::Feed { to, feed } => (to, None, Some(feed)),
-            Kind::Arc { to, centre, turn, feed, .. } => (to, Some((centre, turn)), Some(feed)),
-            _ => continue,
-        };
-        let to = to.axes();
-        segments.push(Segment { from, to, arc, feed });
-        from = to;
-    }
-    segments
-}
-
-impl Segment {
-    /// Whether it goes in one sense along an axis: 1, -1, or 0 if it does not move along it; none if it turns back.
-    fn sense(&self, axis: usize) -> Option<i8> {
-        let way = self.to[axis] - self.from[axis];
-        let sense = if way.abs() < NEAR { 0 } else { way.signum() as i8 };
-        let Some((centre, turn)) = self.arc else { return Some(sense) };
-        let (from, to) = ([self.from[2], self.from[0]], [self.to[2], self.to[0]]);
-        let radius = libm::hypot(from[0] - centre[0], from[1] - centre[1]);
-        let short = arc::length(from, to, centre, turn, 1) <= radius * core::f64::consts::PI + NEAR;
-        // It turns back where it is level with its centre on the other axis.
-        let other = usize::from(axis == 2);
-        let sides = (from[other] - centre[other], to[other] - centre[other]);
-        let one_side = sides.0 * sides.1 >= -1e-6 && (sides.0.abs() > 1e-6 || sides.1.abs() > 1e-6);
-        (short && one_side).then_some(sense)
-    }
-
-    /// Where it meets a level of one axis, on the other.
-    fn meets(&self, axis: usize, level: f64) -> Option<f64> {
-        let other = 2 - axis;
-        let (a, b) = (self.from[axis], self.to[axis]);
-        if level < a.min(b) - NEAR || level > a.max(b) + NEAR || (a - b).abs() < NEAR {
-            return None;
-        }
-        let (from, to) = (self.from[other], self.to[other]);
-        match self.arc {
-            None => Some(from + (level - a) / (b - a) * (to - from)),
-            Some((centre, _)) => {
-                // The centre is Z, X; axis 0 is X.
-                let (of_axis, of_other) = if axis == 0 { (centre[1], centre[0]) } else { (centre[0], centre[1]) };
-                let radius = libm::hypot(a - of_axis, from - of_other);
-                let half = libm::sqrt((radius * radius - (level - of_axis) * (level - of_axis)).max(0.0));
-                let within = |place: &f64| (from.min(to) - 1e-4..=from.max(to) + 1e-4).contains(place);
-                [of_other + half, of_other - half].into_iter().find(within).or(Some(to))
-            }
-        }
-    }
-}
-
 /// Cuts a contour, whose blocks ask for these motions.
 pub(crate) fn run(cycle: &Cycle, machine: &mut Machine, motions: &[Motion], sink: Sink<'_>) -> Read<()> {
-    let start = machine.in_machine(machine.at);
+    let place = machine.in_machine(machine.at);
+    let start = point(place);
     let contour = segments(start, motions);
     let at = cycle.at;
     if contour.len() < 2 {
         return fault(at, "the contour of the cycle has fewer than two motions");
     }
     let feed = feed_of(machine, &Block::default(), || 0.0, at);
-    let cut = &mut Cut { machine, sink, feed: Feed::PerMinute(0.0), start };
+    let cut = &mut Cut { machine, sink, feed: Feed::PerMinute(0.0), start: place };
     match cycle.code {
         700 => {
             for segment in &contour {
-                cut.follow(segment, [0.0; 2], segment.feed);
+                cut.follow(segment, segment.feed);
             }
         }
         730 => {
             cut.feed = feed?;
             for pass in 0..cycle.passes {
                 let rest = if cycle.passes == 1 { 0.0 } else { 1.0 - f64::from(pass) / f64::from(cycle.passes - 1) };
-                let shift = [0, 1].map(|nth| cycle.left[nth] + cycle.away[nth] * rest);
-                cut.rapid(shifted(start, shift));
+                let [x, z] = [0, 1].map(|nth| cycle.left[nth] + cycle.away[nth] * rest);
+                cut.rapid([start[0] + z, start[1] + x]);
                 for segment in &contour {
-                    cut.follow(segment, shift, segment.feed.map(|_| cut.feed));
+                    cut.follow(&segment.moved([z, x]), segment.feed.map(|_| cut.feed));
                 }
                 cut.rapid(start);
             }
@@ -180,106 +110,53 @@ pub(crate) fn run(cycle: &Cycle, machine: &mut Machine, motions: &[Motion], sink
         }
         code => {
             cut.feed = feed?;
-            let axis = if code == 710 { 0 } else { 2 };
-            rough(cycle, axis, &contour, cut)?;
+            roughen(cycle, usize::from(code == 720), &contour, cut)?;
         }
     }
     cut.rapid(start);
     Ok(())
 }
 
-fn shifted(mut place: [f64; 4], shift: [f64; 2]) -> [f64; 4] {
-    place[0] += shift[0];
-    place[2] += shift[1];
-    place
-}
-
-/// G71 and G72: level by level towards the contour, then along it. `axis` is the axis of the levels.
-fn rough(cycle: &Cycle, axis: usize, contour: &[Segment], cut: &mut Cut<'_, '_>) -> Read<()> {
-    let (at, along, start) = (cycle.at, 2 - axis, cut.start);
-    let (first, rest) = (contour[0], &contour[1..]);
-    let toward = first.to[axis] - start[axis];
-    let way = rest[rest.len() - 1].to[along] - first.to[along];
+/// G71 and G72: level by level towards the contour, then along it. `along` is as in [`Frame`].
+fn roughen(cycle: &Cycle, along: usize, contour: &[Segment], cut: &mut Cut<'_, '_>) -> Read<()> {
+    let (at, start) = (cycle.at, point(cut.start));
+    let (first, end) = (contour[0], contour[contour.len() - 1].to);
+    let toward = first.to[1 - along] - start[1 - along];
+    let way = end[along] - first.to[along];
     if toward.abs() < NEAR || way.abs() < NEAR {
         return fault(at, "the contour of the cycle must lead to the part, then along it");
     }
-    let (down, forward) = (toward.signum(), way.signum());
-    let steady = |segment: &Segment| {
-        segment.sense(along).is_some_and(|sense| f64::from(sense) * forward >= 0.0)
-            && segment.sense(axis).is_some_and(|sense| f64::from(sense) * down <= 0.0)
-    };
-    if !rest.iter().all(steady) {
+    let frame = Frame { along, signs: [way.signum(), -toward.signum()] };
+    let left = [cycle.left[1], cycle.left[0]];
+    let left_over: Vec<Segment> = contour.iter().map(|segment| segment.moved(left)).collect();
+    let mut ahead = frame.contour(&left_over);
+    if !ahead[1..].iter().all(|segment| segment.is_forward() && segment.is_outward()) {
         return fault(at, "the cycle is not supported yet for this contour: it has pockets, or turns back");
     }
-    let [shift_axis, shift_along] = if axis == 0 { cycle.left } else { [cycle.left[1], cycle.left[0]] };
-    let deepest = first.to[axis] + shift_axis;
-    if ((deepest - start[axis]).abs() / cycle.depth) > PASSES_MAX {
-        return fault(at, format!("the cycle has more than {PASSES_MAX} passes"));
-    }
-    let place = |level: f64, along_at: f64| {
-        let mut place = start;
-        (place[axis], place[along]) = (level, along_at);
-        place
-    };
-    let end = rest[rest.len() - 1].to[along] + shift_along;
-    let slow = first.feed.is_some();
-    let mut level = start[axis] + down * cycle.depth;
-    while (deepest - level) * down > NEAR {
-        let stop = rest.iter().find_map(|segment| segment.meets(axis, level - shift_axis));
-        let stop = stop.map_or(end, |stop| stop + shift_along);
-        cut.to(place(level, start[along]), slow);
-        cut.to(place(level, stop), true);
+    let (slow, feed) = (first.feed.is_some(), Some(cut.feed));
+    // The levels begin straight below the start, whatever is left along the part.
+    let from = frame.contour(&[Segment::line(start, first.to)])[0].from;
+    ahead[0] = Segment::line(from, [from[0], ahead[0].to[1]]);
+    let steps = &mut |step: Step| {
+        let Step::Pass { from: begin, to, .. } = step else { return };
+        // At the start's level there is nothing to cut, and the last cut follows the contour.
+        if begin[1] > from[1] - NEAR {
+            return;
+        }
+        cut.to(frame.out(begin), slow);
+        cut.to(frame.out(to), true);
         // Out at 45 degrees.
-        cut.rapid(place(level - down * cycle.lift, stop - forward * cycle.lift));
-        cut.rapid(place(level - down * cycle.lift, start[along]));
-        level += down * cycle.depth;
+        cut.rapid(frame.out([to[0] - cycle.lift, to[1] + cycle.lift]));
+        cut.rapid(frame.out([begin[0], begin[1] + cycle.lift]));
+    };
+    if let Err(message) = rough(&ahead, cycle.depth, Pockets::Cut, steps) {
+        return fault(at, message);
     }
-    let shift = cycle.left;
-    cut.follow(&first, shift, slow.then_some(cut.feed));
-    for segment in rest {
-        cut.follow(segment, shift, Some(cut.feed));
+    cut.follow(&left_over[0], if slow { feed } else { None });
+    for segment in &left_over[1..] {
+        cut.follow(segment, feed);
     }
     Ok(())
-}
-
-/// A tool that cuts, in the machine's coordinates.
-struct Cut<'m, 's> {
-    machine: &'m mut Machine,
-    sink: Sink<'s>,
-    feed: Feed,
-    start: [f64; 4],
-}
-
-impl Cut<'_, '_> {
-    fn emit(&mut self, to: [f64; 4], kind: Kind) {
-        let offsets: [f64; 4] = core::array::from_fn(|axis| self.machine.offset(axis));
-        self.machine.at = core::array::from_fn(|axis| to[axis] - offsets[axis]);
-        self.machine.emit(kind, self.sink);
-    }
-
-    fn rapid(&mut self, to: [f64; 4]) {
-        self.emit(to, Kind::Rapid { to: Place::of(to) });
-    }
-
-    fn to(&mut self, to: [f64; 4], slow: bool) {
-        let feed = self.feed;
-        let place = Place::of(to);
-        self.emit(to, if slow { Kind::Feed { to: place, feed } } else { Kind::Rapid { to: place } });
-    }
-
-    fn follow(&mut self, segment: &Segment, shift: [f64; 2], feed: Option<Feed>) {
-        let to = shifted(segment.to, shift);
-        let place = Place::of(to);
-        let kind = match (feed, segment.arc) {
-            (None, _) => Kind::Rapid { to: place },
-            (Some(feed), None) => Kind::Feed { to: place, feed },
-            (Some(feed), Some((centre, turn))) => {
-                let centre = [centre[0] + shift[1], centre[1] + shift[0]];
-                Kind::Arc { to: place, plane: Plane::Zx, centre, turn, turns: 1, feed }
-            }
-        };
-        self.emit(to, kind);
-    }
 }
 
 /// G74 and G75: pecks along Z or along X.
@@ -297,7 +174,7 @@ pub(crate) fn peck(machine: &mut Machine, state: &mut State, block: &Block, alon
     let (depth, width) = (to[axis] - start[axis], to[across] - start[across]);
     let many = |way: f64, step: Option<f64>| step.map_or(1.0, |step| (way.abs() / step).ceil().max(1.0));
     let (pecks, rows) = (many(depth, peck), if width.abs() < NEAR { 0.0 } else { many(width, aside) });
-    if pecks * (rows + 1.0) > PASSES_MAX {
+    if pecks * (rows + 1.0) > PASSES_MAX as f64 {
         return fault(0, format!("the cycle has more than {PASSES_MAX} pecks"));
     }
     let feed = Some(feed_of(machine, block, || 0.0, 0)?);
