@@ -369,6 +369,8 @@ impl Program {
         if !self.any_block {
             self.machine.line = 1;
             self.tell(b"", Severity::Error, &Fault { at: 0, message: "the file holds no G-code".into() });
+        } else if let Some(corner) = self.fanuc.corner.take() {
+            self.tell(b"", Severity::Error, &Fault { at: 0, message: corner.without_end().into() });
         } else if !self.done && !self.percent {
             let message = "the program has no end: expected M2, M30 or % in a line of its own";
             self.tell(b"", Severity::Warning, &Fault { at: 0, message: message.into() });
@@ -517,6 +519,11 @@ impl Program {
             if next == Next::Line { Ok(()) } else { fault(0, ONLY_MOTIONS) }
         };
         let Some(motions) = self.contour(text, lines.0..lines.1 + 1, &mut aside, read) else { return };
+        if let Some(corner) = &state.corner {
+            let fault = Fault { at: 0, message: corner.without_end().into() };
+            self.tell(text.line(nth), Severity::Error, &fault);
+            return;
+        }
         let before = self.machine.motions;
         let result = cycles::run(cycle, &mut self.machine, &motions, sink);
         self.outcome.steps += self.machine.motions - before;

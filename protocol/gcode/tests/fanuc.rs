@@ -69,6 +69,39 @@ fn cycles_of_one_cut_repeat_with_what_changes() {
     assert_eq!(moves(text), expected);
 }
 
+#[test]
+fn corners_are_rounded_or_cut_off() {
+    let text = "S9 G0 X0. Z0.\nG1 X20. ,R2. F0.1\nW-10. ,C1.\nU10. Z-15. ,R1.\nF0.2 Z-30. ,R5.\nZ-40.\nM30";
+    let (motions, told) = read(text);
+    assert_eq!(told, "");
+    // Where the taper of 45 degrees begins to be round: tan 22.5 degrees of the radius before the corner.
+    let (needed, root) = (core::f64::consts::SQRT_2 - 1.0, core::f64::consts::FRAC_1_SQRT_2);
+    let round = |value: f64| (value * 1e4).round() / 1e4;
+    let taper = format!("F {} {}", round(30.0 - 2.0 * needed * root), round(-15.0 + needed * root));
+    let expected = [
+        "R 0 0",
+        "F 16 0",
+        "A 20 -2",
+        "F 20 -9",
+        &format!("F {} {}", round(20.0 + 2.0 * root), round(-10.0 - root)),
+        &taper,
+        &format!("A 30 {}", round(-15.0 - needed)),
+        // Nothing to round between two cuts on one line.
+        "F 30 -30",
+        "F 30 -40",
+    ];
+    assert_eq!(short(&motions), expected);
+    let lines: Vec<usize> = motions[1..10].iter().map(|motion| motion.line).collect();
+    assert_eq!(lines, [1, 2, 2, 3, 3, 4, 4, 5, 6]);
+    let Kind::Arc { centre, turn, feed, .. } = motions[3].kind else { panic!("{:?}", motions[3]) };
+    assert_eq!((centre, turn, feed), ([-2.0, 8.0], torno_gcode::Turn::Counterclockwise, Feed::PerRevolution(0.1)));
+    let Kind::Arc { centre, turn, .. } = motions[7].kind else { panic!("{:?}", motions[7]) };
+    assert!((centre[0] + 15.0 + needed).abs() < 1e-9 && (centre[1] - 14.0).abs() < 1e-9, "{centre:?}");
+    assert_eq!(turn, torno_gcode::Turn::Counterclockwise);
+    let text = "S9 G0 X30. Z2.\nG71 U5. R1.\nG71 P1 Q2 U0 W0 F0.1\nN1 G0 X20.\nG1 Z-5. ,C1.\nN2 X30.\nM30";
+    assert_eq!(moves(text).iter().filter(|line| *line == "F 22 -5" || *line == "F 20 -4").count(), 2);
+}
+
 const CONTOUR: &str = "N10 G0 X20.\nG1 Z-10. F0.1\nX30. Z-20.\nG2 X36. Z-23. R3.\nN20 G1 X40.\n";
 
 #[test]
@@ -183,7 +216,25 @@ fn what_is_refused_is_told_with_its_place() {
         ("G92 X10. Z-5. F1.", "1:1: G92 is not supported yet: threads"),
         ("G76 P010060", "1:1: G76 is not supported yet: threads"),
         ("G42 G0 X1.", "1:1: G42 is not supported yet: the compensation of the tool's nose"),
-        ("G1 X1. ,R2. F1.", "1:8: corners (,R and ,C) are not supported yet"),
+        ("S9 G1 X9. ,R1. F1.\nG0 X9.", "2:1: the corner (,R or ,C) of line 1 needs a G1 behind it"),
+        ("G0 X9. ,R1.", "1:8: a corner (,R or ,C) belongs to a cut by G1"),
+        ("S9 G1 ,R1. F1.", "1:7: a corner (,R or ,C) belongs to a cut by G1"),
+        ("S9 G1 X9. ,C0 F1.", "1:11: the size of a corner (,R or ,C) is more than 0"),
+        ("S9 G1 X9. ,C1. F1.\nG3 X12. Z-2. R2.", "2:1: the corner (,R or ,C) of line 1 needs a G1 behind it"),
+        ("S9 G1 X9. ,C1. F1.\nX9.", "2:1: the corner of line 1 lies between two cuts; one of them has no length"),
+        ("S9 G1 X9. ,C1. F1.\nX0.", "2:1: the cut turns back behind line 1: there is no corner"),
+        (
+            "S9 G1 X9. ,R3. F1.\nZ-2.",
+            "2:1: the corner of line 1 is too large: it needs 3.0000 mm of a cut of 2.0000 mm",
+        ),
+        (
+            "S9 G0 X20. Z0.\nG1 X9. ,R3. F1.\nZ-4. ,C1.5\nX20.",
+            "4:1: the corner of line 3 is too large: it needs 1.5000 mm of a cut of 1.0000 mm",
+        ),
+        (
+            "S9 G0 X30. Z2.\nG71 P1 Q2 D1. F1.\nN1 G0 X10.\nG1 Z-5.\nN2 X30. ,R1.",
+            "2:1: the corner (,R or ,C) of line 5 needs a G1 behind it",
+        ),
         ("#1=5", "1:1: variables and expressions of a Fanuc are not supported yet"),
         ("G0 X1. U1.", "1:8: X and U exclude one another in a line"),
         ("G0 X1. C2.", "1:8: the word C is not supported"),

@@ -3,6 +3,7 @@
 //! X is a diameter, U and W are relative, G98 and G99 are the feed a minute and a revolution (ours: G99 until a program
 //! says otherwise). A number without a point is taken as it stands, in mm or inches, and said so.
 
+mod corner;
 pub(crate) mod cycles;
 mod programs;
 mod state;
@@ -118,11 +119,13 @@ pub(crate) fn execute(
         let word = letter.to_ascii_uppercase() as char;
         return fault(block.at(*letter), format!("the word {word} is not supported"));
     }
-    if let Some((_, _, at)) = block.corner {
-        return fault(at, "corners (,R and ,C) are not supported yet");
-    }
     with_points(machine, block, line);
     modes(machine, state, block, &words)?;
+    let cuts = words.once.is_none() && words.motion.map_or(machine.motion, |code| Some(code.tenths)) == Some(10);
+    if let (Some((_, _, at)), false) = (block.corner, cuts && block.has_any(const { mask(b"xzuw") })) {
+        return fault(at, "a corner (,R or ,C) belongs to a cut by G1");
+    }
+    let to = corner::end(machine, state, block, cuts, sink)?;
     m_words(machine, block, &words, sink)?;
     let once = words.once.map(|code| code.tenths);
     if once == Some(500) {
@@ -139,7 +142,7 @@ pub(crate) fn execute(
                 next = Next::Contour(cycle);
             }
         }
-        None => motion(machine, state, block, &words, sink)?,
+        None => motion(machine, state, block, &words, to, sink)?,
     }
     match words.stop.map(|code| code.tenths) {
         Some(0) => machine.emit(Kind::Stop { optional: false }, sink),
@@ -299,7 +302,15 @@ fn call(block: &Block) -> Read<Next> {
     Ok(Next::Call { program: program % 10_000, times })
 }
 
-fn motion(machine: &mut Machine, state: &mut State, block: &Block, words: &Words, sink: Sink<'_>) -> Read<()> {
+/// `to` is where the motion ends, if a corner before it has asked for that.
+fn motion(
+    machine: &mut Machine,
+    state: &mut State,
+    block: &Block,
+    words: &Words,
+    to: Option<[f64; 4]>,
+    sink: Sink<'_>,
+) -> Read<()> {
     if let Some(code) = words.motion {
         machine.motion = Some(code.tenths);
         (state.box_to, state.box_taper) = ([None; 2], 0.0);
@@ -316,7 +327,7 @@ fn motion(machine: &mut Machine, state: &mut State, block: &Block, words: &Words
     }
     let code = machine.motion;
     let at = b"xzuw".iter().find(|letter| block.has(**letter)).map_or(0, |letter| block.at(*letter));
-    let Some(to) = target(machine, block)? else {
+    let Some(to) = to.map_or_else(|| target(machine, block), |to| Ok(Some(to)))? else {
         return match code {
             Some(20 | 30) if block.has_any(const { mask(b"ikr") }) => {
                 cut_arc(machine, block, machine.at, code == Some(20), sink)
@@ -328,7 +339,10 @@ fn motion(machine: &mut Machine, state: &mut State, block: &Block, words: &Words
         Some(0) => machine.go(to, None, at, sink),
         Some(10) => {
             let feed = feed_of(machine, block, || 0.0, at)?;
-            machine.go(to, Some(feed), at, sink)
+            match block.corner {
+                Some(corner) => corner::begin(machine, state, to, feed, corner),
+                None => machine.go(to, Some(feed), at, sink),
+            }
         }
         Some(20 | 30) => cut_arc(machine, block, to, code == Some(20), sink),
         _ => cut_box(machine, state, block, to, code == Some(900), sink),

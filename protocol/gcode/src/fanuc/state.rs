@@ -1,6 +1,7 @@
 //! What a Fanuc's lines share.
 
 use crate::block::{Block, mask};
+use crate::fanuc::corner::Corner;
 use crate::finding::{Read, fault};
 use crate::machine::Machine;
 
@@ -18,6 +19,8 @@ pub(crate) struct State {
     /// G73: how far the first pass stays away, and how many passes.
     pub(crate) away: [f64; 2],
     pub(crate) passes: Option<u32>,
+    /// The cut that is held back until the next one is known.
+    pub(crate) corner: Option<Corner>,
 }
 
 /// Where X, Z, U and W lead; none if the line has none of them.
