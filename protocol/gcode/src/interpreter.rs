@@ -514,7 +514,9 @@ impl Program {
         let mut aside = self.machine.clone();
         let mut state = self.fanuc.clone();
         let strict = self.settings.strict;
+        let mut second_type = None;
         let read = &mut |block: &Block, line: &[u8], aside: &mut Machine, sink: Sink<'_>| {
+            second_type = second_type.or(fanuc::names_axes(block));
             let next = fanuc::execute(aside, &mut state, block, line, strict, sink)?;
             if next == Next::Line { Ok(()) } else { fault(0, ONLY_MOTIONS) }
         };
@@ -525,7 +527,7 @@ impl Program {
             return;
         }
         let before = self.machine.motions;
-        let result = cycles::run(cycle, &mut self.machine, &motions, sink);
+        let result = cycles::run(cycle, &mut self.machine, &motions, second_type == Some(true), sink);
         self.outcome.steps += self.machine.motions - before;
         if let Err(fault) = result {
             self.tell(text.line(nth), Severity::Error, &fault);

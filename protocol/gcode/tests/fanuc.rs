@@ -149,6 +149,99 @@ fn g71_cuts_level_by_level_and_g70_along_the_contour() {
 }
 
 #[test]
+fn g71_and_g72_of_the_second_type_cut_pockets() {
+    let expected = [
+        "R 40 2", // Levels, from the start's side.
+        "R 36 2",
+        "F 36 -20",
+        "R 37 -19.5",
+        "R 37 2",
+        "R 32 2",
+        "F 32 -20",
+        "R 33 -19.5",
+        "R 33 2",
+        "R 28 2",
+        "F 28 -9",
+        "R 29 -8.5",
+        "R 29 2",
+        "R 24 2",
+        "F 24 -7",
+        "R 25 -6.5",
+        "R 25 2",
+        // Along the contour, up to the pocket; its levels.
+        "R 20 2",
+        "F 20 0",
+        "F 20 -5",
+        "F 30 -10",
+        "F 28 -11.6667",
+        "F 28 -20",
+        "R 29 -19.5",
+        "R 29 -11.6667",
+        "F 28 -11.6667",
+        "F 24 -15",
+        "F 24 -20",
+        "F 40 -20",
+        "R 40 2",
+        // Along all of it.
+        "R 20 0",
+        "F 20 -5",
+        "F 30 -10",
+        "F 24 -15",
+        "F 24 -20",
+        "F 40 -20",
+        "R 40 2",
+    ];
+    let contour = "N10 G0 X20. Z0.\nG1 Z-5.\nX30. Z-10.\nX24. Z-15.\nZ-20.\nN20 X40.\nM30";
+    let two = format!("S9 G0 X40. Z2.\nG71 U2. R0.5\nG71 P10 Q20 U0 W0 F0.2\n{contour}");
+    assert_eq!(moves(&two), expected);
+    let one = format!("S9 G0 X40. Z2.\nG71 R0.5\nG71 P10 Q20 D2. F0.2\n{contour}");
+    assert_eq!(moves(&one), expected);
+    // The same with X and Z changed round: levels in Z, a pocket along X.
+    let contour = "N10 G0 X60. Z-20.\nG1 X50.\nX40. Z-10.\nX30. Z-16.\nX20.\nN20 Z0.\nM30";
+    let found = moves(&format!("S9 G0 X64. Z0.\nG72 W4. R0.5\nG72 P10 Q20 U0 W0 F0.2\n{contour}"));
+    let expected = [
+        "R 64 0",
+        "R 64 -4",
+        "F 20 -4",
+        "R 21 -3.5",
+        "R 64 -3.5",
+        "R 64 -8",
+        "F 20 -8",
+        "R 21 -7.5",
+        "R 64 -7.5",
+        "R 64 -12",
+        "F 42 -12",
+        "R 43 -11.5",
+        "R 64 -11.5",
+        "R 64 -16",
+        "F 46 -16",
+        "R 47 -15.5",
+        "R 64 -15.5",
+        "R 64 -20",
+        "F 60 -20",
+        "F 50 -20",
+        "F 40 -10",
+        "F 36.6667 -12",
+        "F 20 -12",
+        "R 21 -11.5",
+        "R 36.6667 -11.5",
+        "F 36.6667 -12",
+        "F 30 -16",
+        "F 20 -16",
+        "F 20 0",
+        "R 64 0",
+        "R 60 -20",
+        "F 50 -20",
+        "F 40 -10",
+        "F 30 -16",
+        "F 20 -16",
+        "F 20 0",
+        "R 64 0",
+    ];
+    assert_eq!(found, expected);
+}
+
+#[test]
 fn g72_has_its_levels_in_z_and_g73_follows_the_contour() {
     let text =
         "S500 M3\nG0 X40. Z1.\nG72 W2. R0.5\nG72 P10 Q20 U0 W0 F0.2\nN10 G0 Z-5.\nN15 G1 X20. F0.1\nN20 Z0.\nM30";
@@ -245,7 +338,15 @@ fn what_is_refused_is_told_with_its_place() {
         ("G71 P1 Q2 D1. F1.", "1:1: the contour N1 to N2 is not in the file behind the first cycle"),
         (
             "S9 G0 X50. Z0.\nG71 P1 Q2 D1. F1.\nN1 G0 X20.\nG1 Z-5.\nX15. Z-9.\nN2 X50.",
-            "2:1: the cycle is not supported yet for this contour: it has pockets, or turns back",
+            "2:1: the contour of the cycle has pockets: its first block needs both X (U) and Z (W) then",
+        ),
+        (
+            "S9 G0 X50. Z0.\nG71 P1 Q2 D1. F1.\nN1 G0 X20. W0\nG1 Z-5.\nX25. Z-3.\nN2 X50.",
+            "2:1: the contour of the cycle turns back in Z",
+        ),
+        (
+            "S9 G0 X50. Z1.\nG72 P1 Q2 D1. F1.\nN1 G0 Z-9. U0\nG1 X20.\nX25. Z-5.\nN2 Z0.",
+            "2:1: the contour of the cycle turns back in X",
         ),
         ("G0 X20", "1:4: warning: a number without a point is taken in whole units, not in thousandths"),
     ] {

@@ -78,8 +78,14 @@ pub(crate) fn of(machine: &Machine, state: &mut State, block: &Block, code: Opti
     Ok(Some(Cycle { code, at, blocks, left, depth, lift: state.lift, away: state.away, passes }))
 }
 
-/// Cuts a contour, whose blocks ask for these motions.
-pub(crate) fn run(cycle: &Cycle, machine: &mut Machine, motions: &[Motion], sink: Sink<'_>) -> Read<()> {
+/// Cuts a contour, whose blocks ask for these motions. It is of the second type if its first block names both axes.
+pub(crate) fn run(
+    cycle: &Cycle,
+    machine: &mut Machine,
+    motions: &[Motion],
+    second_type: bool,
+    sink: Sink<'_>,
+) -> Read<()> {
     let place = machine.in_machine(machine.at);
     let start = point(place);
     let contour = segments(start, motions);
@@ -110,15 +116,16 @@ pub(crate) fn run(cycle: &Cycle, machine: &mut Machine, motions: &[Motion], sink
         }
         code => {
             cut.feed = feed?;
-            roughen(cycle, usize::from(code == 720), &contour, cut)?;
+            roughen(cycle, usize::from(code == 720), &contour, second_type, cut)?;
         }
     }
     cut.rapid(start);
     Ok(())
 }
 
-/// G71 and G72: level by level towards the contour, then along it. `along` is as in [`Frame`].
-fn roughen(cycle: &Cycle, along: usize, contour: &[Segment], cut: &mut Cut<'_, '_>) -> Read<()> {
+/// G71 and G72: level by level towards the contour, then along it. `along` is as in [`Frame`]. Type II cuts pockets,
+/// one after the other.
+fn roughen(cycle: &Cycle, along: usize, contour: &[Segment], second_type: bool, cut: &mut Cut<'_, '_>) -> Read<()> {
     let (at, start) = (cycle.at, point(cut.start));
     let (first, end) = (contour[0], contour[contour.len() - 1].to);
     let toward = first.to[1 - along] - start[1 - along];
@@ -130,27 +137,49 @@ fn roughen(cycle: &Cycle, along: usize, contour: &[Segment], cut: &mut Cut<'_, '
     let left = [cycle.left[1], cycle.left[0]];
     let left_over: Vec<Segment> = contour.iter().map(|segment| segment.moved(left)).collect();
     let mut ahead = frame.contour(&left_over);
-    if !ahead[1..].iter().all(|segment| segment.is_forward() && segment.is_outward()) {
-        return fault(at, "the cycle is not supported yet for this contour: it has pockets, or turns back");
+    if !ahead[1..].iter().all(Segment::is_forward) {
+        return fault(at, format!("the contour of the cycle turns back in {}", ['Z', 'X'][along]));
+    }
+    let pockets = !ahead[1..].iter().all(Segment::is_outward);
+    if pockets && !second_type {
+        return fault(at, "the contour of the cycle has pockets: its first block needs both X (U) and Z (W) then");
     }
     let (slow, feed) = (first.feed.is_some(), Some(cut.feed));
     // The levels begin straight below the start, whatever is left along the part.
-    let from = frame.contour(&[Segment::line(start, first.to)])[0].from;
-    ahead[0] = Segment::line(from, [from[0], ahead[0].to[1]]);
-    let steps = &mut |step: Step| {
-        let Step::Pass { from: begin, to, .. } = step else { return };
-        // At the start's level there is nothing to cut, and the last cut follows the contour.
-        if begin[1] > from[1] - NEAR {
-            return;
+    let mut from = frame.contour(&[Segment::line(start, first.to)])[0].from;
+    let begin = ahead[0].to;
+    if pockets {
+        from[0] = from[0].min(begin[0]);
+    }
+    ahead.splice(0..1, [[from, [from[0], begin[1]]], [[from[0], begin[1]], begin]].map(|[a, b]| Segment::line(a, b)));
+    let steps = &mut |step: Step| match step {
+        // At the start's level there is nothing to cut.
+        Step::Pass { from: begin, .. } if begin[1] > from[1] - NEAR => {}
+        Step::Pass { from: begin, to, entry } => {
+            if !pockets {
+                cut.to(frame.out(begin), slow);
+            }
+            cut.to(frame.out(to), true);
+            // Out at 45 degrees, in a pocket less far on a short way.
+            let out = if entry { cycle.lift } else { cycle.lift.min((to[0] - begin[0]).abs() / 2.0) };
+            cut.rapid(frame.out([to[0] - out, to[1] + out]));
+            cut.rapid(frame.out([begin[0], begin[1] + out]));
+            if !entry {
+                cut.to(frame.out(begin), true);
+            }
         }
-        cut.to(frame.out(begin), slow);
-        cut.to(frame.out(to), true);
-        // Out at 45 degrees.
-        cut.rapid(frame.out([to[0] - cycle.lift, to[1] + cycle.lift]));
-        cut.rapid(frame.out([begin[0], begin[1] + cycle.lift]));
+        // Without pockets, the last cut is the only one that follows the contour.
+        _ if !pockets => {}
+        Step::Dive { way, entry: true } if way.from == way.to => {}
+        Step::Dive { way, entry: true } => cut.to(frame.out(way.to), slow),
+        Step::Dive { way, .. } | Step::Follow(way) => cut.follow(&frame.segment(&way), feed),
+        Step::Reach(to) => cut.to(frame.out(to), true),
     };
     if let Err(message) = rough(&ahead, cycle.depth, Pockets::Cut, steps) {
         return fault(at, message);
+    }
+    if pockets {
+        cut.rapid(start);
     }
     cut.follow(&left_over[0], if slow { feed } else { None });
     for segment in &left_over[1..] {

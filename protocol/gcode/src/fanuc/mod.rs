@@ -9,7 +9,7 @@ mod programs;
 mod state;
 
 pub(crate) use programs::{Programs, goes_elsewhere};
-pub(crate) use state::State;
+pub(crate) use state::{State, names_axes};
 
 use crate::arc;
 use crate::block::{Block, Code, mask};

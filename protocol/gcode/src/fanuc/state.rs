@@ -40,3 +40,9 @@ pub(crate) fn target(machine: &Machine, block: &Block) -> Read<Option<[f64; 4]>>
     }
     Ok(block.has_any(const { mask(b"xzuw") }).then_some(to))
 }
+
+/// Whether a line names both axes; none if it names none.
+pub(crate) const fn names_axes(block: &Block) -> Option<bool> {
+    let [x, z] = [block.has_any(mask(b"xu")), block.has_any(mask(b"zw"))];
+    if x || z { Some(x && z) } else { None }
+}
