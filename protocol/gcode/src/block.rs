@@ -195,7 +195,10 @@ impl Block {
             let found = cursor.found();
             return fault(cursor.at, format!("expected '=' behind the parameter, found {found}"));
         }
-        let value = value(cursor, variables)?;
+        let value = Reader { cursor, variables, depth: 0 }.given()?;
+        if !value.is_finite() {
+            return fault(at, "the result is not a finite number");
+        }
         self.assignments.push((place, value, at));
         Ok(())
     }

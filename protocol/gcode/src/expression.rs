@@ -18,6 +18,10 @@ pub(crate) trait Variables {
     fn numbered(&self, number: usize) -> Option<f64>;
     /// A named parameter, by its name in lower case.
     fn named(&self, name: &str) -> Option<f64>;
+    /// Whether what a parameter is given may be an expression without brackets, as in a Fanuc's program.
+    fn is_fanuc(&self) -> bool {
+        false
+    }
 }
 
 /// The name or number of a parameter.
@@ -116,14 +120,20 @@ impl<V: Variables> Reader<'_, '_, V> {
     /// An expression, behind its bracket.
     fn expression(&mut self) -> Read<f64> {
         let start = self.cursor.at - 1;
-        let value = self.operation(1, start)?;
+        let value = self.operation(1, Some(start))?;
         // No operator binds so loosely, so that it stands here.
         self.cursor.take(b']');
         Ok(value)
     }
 
-    /// A sum, product… up to the closing bracket, that binds at least this tightly; from left to right.
-    fn operation(&mut self, least: u8, start: usize) -> Read<f64> {
+    /// What a parameter is given.
+    pub(crate) fn given(&mut self) -> Read<f64> {
+        if self.variables.is_fanuc() { self.operation(1, None) } else { self.value() }
+    }
+
+    /// A sum, product… up to the bracket that closes the one here, or up to the end of the line, that binds at least
+    /// this tightly; from left to right.
+    fn operation(&mut self, least: u8, start: Option<usize>) -> Read<f64> {
         let mut left = self.value()?;
         loop {
             self.cursor.peek();
@@ -139,7 +149,10 @@ impl<V: Variables> Reader<'_, '_, V> {
         }
     }
 
-    fn operator(&mut self, start: usize) -> Read<Operator> {
+    fn operator(&mut self, start: Option<usize>) -> Read<Operator> {
+        if start.is_none() && matches!(self.cursor.peek(), 0 | b';' | b'(') {
+            return Ok(Operator::End);
+        }
         let words: [(&[u8], Operator); 16] = [
             (b"]", Operator::End),
             (b"**", Operator::Power),
@@ -163,17 +176,20 @@ impl<V: Variables> Reader<'_, '_, V> {
                 return Ok(operator);
             }
         }
-        if self.cursor.peek() == 0 {
-            return fault(start, "the bracket is not closed");
-        }
+        let end = match start {
+            Some(start) if self.cursor.peek() == 0 => return fault(start, "the bracket is not closed"),
+            Some(_) => "']'",
+            None => "the end of the line",
+        };
         let found = self.cursor.found();
-        fault(self.cursor.at, format!("expected an operator or ']', found {found}"))
+        fault(self.cursor.at, format!("expected an operator or {end}, found {found}"))
     }
 
     /// A parameter's value, behind its `#`.
     fn parameter(&mut self, start: usize) -> Read<f64> {
         match self.place(start)? {
             Parameter::Numbered(number) => match self.variables.numbered(number) {
+                Some(value) if value.is_nan() => fault(start, format!("#{number} has no value")),
                 Some(value) => Ok(value),
                 None => fault(start, format!("#{number} is out of range")),
             },

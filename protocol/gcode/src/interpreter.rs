@@ -20,6 +20,7 @@ const FINDINGS_MAX: usize = 20;
 /// Calls are nested this deep at most, as in LinuxCNC.
 const CALLS_MAX: usize = 10;
 const ONLY_MOTIONS: &str = "a contour holds motions only";
+const NO_VALUES: &str = "a contour gives no value to a parameter";
 
 /// Executes a line of a contour aside, on this machine.
 type ReadContour<'f> = &'f mut dyn FnMut(&Block, &[u8], &mut Machine, Sink<'_>) -> Read<()>;
@@ -553,6 +554,7 @@ impl Program {
             aside.line = text.first + nth;
             let sink = &mut |motion| motions.push(motion);
             let result = match block.read(line, &*aside, self.settings.skip_deleted) {
+                Ok(Content::Words) if !block.assignments.is_empty() => fault(block.assignments[0].2, NO_VALUES),
                 Ok(Content::Words) => execute(&block, line, aside, sink),
                 Ok(Content::Nothing) => Ok(()),
                 Ok(_) => fault(0, ONLY_MOTIONS),

@@ -88,9 +88,6 @@ impl Cycle {
 
 /// Executes a line of a contour.
 pub(crate) fn read(reader: &mut Machine, block: &Block, sink: Sink<'_>) -> Read<()> {
-    if let Some((_, _, at)) = block.assignments.first() {
-        return fault(*at, "a contour gives no value to a parameter");
-    }
     if let Some(code) =
         block.codes().iter().find(|code| code.letter != b'g' || !matches!(code.tenths, 0 | 10 | 20 | 30))
     {

@@ -79,6 +79,8 @@ pub(crate) struct Machine {
     pub(crate) selected_tool: u32,
     pub(crate) tool: u32,
     pub(crate) ended: bool,
+    /// Whether parameters are the variables of a Fanuc.
+    pub(crate) fanuc: bool,
     /// Empty until a program gives a value to one.
     numbered: Vec<f64>,
     globals: BTreeMap<String, f64>,
@@ -119,6 +121,7 @@ impl Machine {
             selected_tool: 0,
             tool: 0,
             ended: false,
+            fanuc: false,
             numbered: Vec::new(),
             globals: BTreeMap::new(),
             locals: vec![BTreeMap::new()],
@@ -215,9 +218,13 @@ impl Machine {
     /// Gives a value to a parameter.
     pub(crate) fn assign(&mut self, parameter: &Parameter, value: f64, at: usize) -> Read<()> {
         match parameter {
+            Parameter::Numbered(number) if self.fanuc && !is_variable(*number) => {
+                return fault(at, format!("#{number} is no variable: expected 1 to 33, 100 to 199 or 500 to 999"));
+            }
             Parameter::Numbered(number @ 1..OWN_PARAMETERS) => {
                 if self.numbered.is_empty() {
-                    self.numbered = vec![0.0; OWN_PARAMETERS];
+                    // A variable without a value is none.
+                    self.numbered = vec![if self.fanuc { f64::NAN } else { 0.0 }; OWN_PARAMETERS];
                 }
                 self.numbered[*number] = value;
             }
@@ -225,6 +232,7 @@ impl Machine {
                 return fault(at, format!("#{number} is not supported yet: a parameter of the machine is only read"));
             }
             Parameter::Numbered(number) => return fault(at, format!("#{number} is out of range")),
+            Parameter::Named(_) if self.fanuc => return fault(at, "a variable of a Fanuc has a number, not a name"),
             Parameter::Named(name) => {
                 if self.own(name).is_some() {
                     return fault(at, format!("#<{name}> belongs to the machine: it is only read"));
@@ -316,9 +324,18 @@ impl Machine {
     }
 }
 
+/// A local or common variable of a Fanuc.
+const fn is_variable(number: usize) -> bool {
+    matches!(number, 1..=33 | 100..=199 | 500..=999)
+}
+
 impl Variables for Machine {
     fn numbered(&self, number: usize) -> Option<f64> {
         let axis = |place: [f64; 4], nth: usize| place.get(nth).copied().unwrap_or(0.0);
+        if self.fanuc {
+            let value = self.numbered.get(number).copied().unwrap_or(f64::NAN);
+            return is_variable(number).then_some(value);
+        }
         Some(match number {
             1..OWN_PARAMETERS => self.numbered.get(number).copied().unwrap_or(0.0),
             5161..=5169 => axis(self.home[0], number - 5161),
@@ -338,7 +355,14 @@ impl Variables for Machine {
         })
     }
 
+    fn is_fanuc(&self) -> bool {
+        self.fanuc
+    }
+
     fn named(&self, name: &str) -> Option<f64> {
+        if self.fanuc {
+            return None;
+        }
         if name.starts_with('_') {
             return self.globals.get(name).copied().or_else(|| self.own(name));
         }

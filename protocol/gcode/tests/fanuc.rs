@@ -295,6 +295,23 @@ fn subprograms_are_called_and_repeated() {
 }
 
 #[test]
+fn variables_have_values_and_stand_in_words() {
+    let text =
+        "#1=10.\n#100=#1*2+ATAN[1.]/[1.]/45. (21)\n#1=[#1+2.]*-1\nG0 X#100 Z-#1\nU[#1/6.] Z-[SQRT[#100+4.]]\nM30";
+    assert_eq!(moves(text), ["R 21 12", "R 19 -5"]);
+    let text = "#1=0\nG0 X0. Z0.\nM98 P2 L3\nM30\nO2\n#1=#1+1\nG0 X#1\nM99";
+    assert_eq!(moves(text), ["R 0 0", "R 1 0", "R 2 0", "R 3 0"]);
+}
+
+#[test]
+fn coordinate_systems_move_the_origin() {
+    let text = "G10 L2 P2 X10. Z-100.\nG10 L2 P2 U2. W-5.\nG0 X0. Z0.\nG55 X0. Z0.\nX20. Z5.\nG53 Z-1.\nG53 X8.\nU2.\n\
+        G54 X1. Z1.\nG59 X1.\nG10 P1 X0 Z0. R0.\nM30";
+    let expected = ["R 0 0", "R 12 -105", "R 32 -100", "R 32 -1", "R 8 -1", "R 10 -1", "R 1 1", "R 1 1"];
+    assert_eq!(moves(text), expected);
+}
+
+#[test]
 fn dwells_count_seconds_or_thousandths() {
     let (motions, told) = read("G4 X1.5\nG4 U0.5\nG04 P250\nM30");
     assert_eq!(told, "");
@@ -328,7 +345,24 @@ fn what_is_refused_is_told_with_its_place() {
             "S9 G0 X30. Z2.\nG71 P1 Q2 D1. F1.\nN1 G0 X10.\nG1 Z-5.\nN2 X30. ,R1.",
             "2:1: the corner (,R or ,C) of line 5 needs a G1 behind it",
         ),
-        ("#1=5", "1:1: variables and expressions of a Fanuc are not supported yet"),
+        ("G0 X#1", "1:5: #1 has no value"),
+        ("#2=3.\nG0 X[#1+1.]", "2:6: #1 has no value"),
+        ("#1000=5", "1:1: #1000 is no variable: expected 1 to 33, 100 to 199 or 500 to 999"),
+        ("G0 X#5041", "1:5: #5041 is out of range"),
+        ("#1=1./0.", "1:6: division by zero"),
+        ("#1=2.*", "1:7: expected a number, found the end of the line"),
+        ("#1=2. G0", "1:7: expected an operator or the end of the line, found 'G'"),
+        ("#<a>=2.", "1:1: a variable of a Fanuc has a number, not a name"),
+        ("G10 L2 P7 X1.", "1:8: P of G10 L2 is 1 (G54) to 6 (G59)"),
+        ("G10 L2 P1 X1. U1.", "1:15: a line of G10 names an axis twice"),
+        ("G10 L20 P1 X1.", "1:5: G10 L20 is not supported yet: expected L2, or no L word"),
+        ("G10 X1.", "1:1: G10 needs a P word: the number of what it sets"),
+        ("G10 P1 X0. Z0.1 R0.", "1:12: a tool offset other than 0 is not supported yet: there is no table of tools"),
+        ("G53 U1.", "1:5: G53 takes X and Z, not U and W"),
+        ("G53 G1 X1.", "1:5: G53 is a rapid: it does not go with G1"),
+        ("G53", "1:1: G53 needs X or Z"),
+        ("G54 G55", "1:5: G54 and G55 exclude one another in a line"),
+        ("G52 X1.", "1:1: G52 is not supported yet: further coordinate systems"),
         ("G0 X1. U1.", "1:8: X and U exclude one another in a line"),
         ("G0 X1. C2.", "1:8: the word C is not supported"),
         ("G1 X1. R2. F1.", "1:8: nothing in the line uses the R word"),

@@ -5,6 +5,7 @@
 
 mod corner;
 pub(crate) mod cycles;
+mod offsets;
 mod programs;
 mod state;
 
@@ -36,6 +37,7 @@ pub(crate) enum Next {
 
 /// Sets up the machine as a Fanuc lathe begins.
 pub(crate) fn begin(machine: &mut Machine) {
+    machine.fanuc = true;
     machine.plane = Plane::Zx;
     machine.diameter = true;
     machine.motion = Some(0);
@@ -48,6 +50,7 @@ struct Words {
     motion: Option<Code>,
     once: Option<Code>,
     units: Option<Code>,
+    system: Option<Code>,
     feed_mode: Option<Code>,
     spindle_mode: Option<Code>,
     spindle: Option<Code>,
@@ -59,14 +62,15 @@ struct Words {
 fn sort(machine: &mut Machine, block: &Block, strict: bool) -> Read<Words> {
     let mut words = Words::default();
     for code in block.codes() {
-        let Words { motion, once, units, feed_mode, spindle_mode, spindle, coolant, stop, other } = &mut words;
+        let Words { motion, once, units, system, feed_mode, spindle_mode, spindle, coolant, stop, other } = &mut words;
         let place = match (code.letter, code.tenths) {
             (b'g', 0 | 10 | 20 | 30 | 900 | 940) => motion,
-            (b'g', 40 | 280 | 500 | 700 | 710 | 720 | 730 | 740 | 750) => once,
+            (b'g', 40 | 100 | 280 | 500 | 530 | 700 | 710 | 720 | 730 | 740 | 750) => once,
             (b'g', 200 | 210) => units,
             (b'g', 980 | 990) => feed_mode,
             (b'g', 960 | 970) => spindle_mode,
-            (b'g', 180 | 400 | 540 | 690 | 800) => other,
+            (b'g', 540 | 550 | 560 | 570 | 580 | 590) => system,
+            (b'g', 180 | 400 | 690 | 800) => other,
             (b'g', _) => return refuse(*code),
             (_, 30 | 40 | 50) => spindle,
             (_, 70 | 80 | 90) => coolant,
@@ -93,7 +97,7 @@ fn refuse<T>(code: Code) -> Read<T> {
         320 | 330 | 340 | 760 | 920 => "threads",
         410 | 420 => "the compensation of the tool's nose",
         170 | 190 => "arcs outside of the plane X Z",
-        550 | 560 | 570 | 580 | 590 | 100 | 520 | 530 => "coordinate systems other than G54",
+        520 | 541 => "further coordinate systems",
         270 | 300 | 310 | 360 | 370 => "reference points and skips",
         650 | 660 | 670 => "macro calls",
         830..=890 => "drilling and tapping cycles",
@@ -111,8 +115,8 @@ pub(crate) fn execute(
     strict: bool,
     sink: Sink<'_>,
 ) -> Read<Next> {
-    if let Some(at) = macro_at(line) {
-        return fault(at, "variables and expressions of a Fanuc are not supported yet");
+    for (parameter, value, at) in &block.assignments {
+        machine.assign(parameter, *value, *at)?;
     }
     let words = sort(machine, block, strict)?;
     if let Some(letter) = b"yabcvjeh".iter().find(|letter| block.has(**letter)) {
@@ -121,11 +125,16 @@ pub(crate) fn execute(
     }
     with_points(machine, block, line);
     modes(machine, state, block, &words)?;
-    let cuts = words.once.is_none() && words.motion.map_or(machine.motion, |code| Some(code.tenths)) == Some(10);
+    let cuts = words.once.is_none()
+        && words.system.is_none()
+        && words.motion.map_or(machine.motion, |code| Some(code.tenths)) == Some(10);
     if let (Some((_, _, at)), false) = (block.corner, cuts && block.has_any(const { mask(b"xzuw") })) {
         return fault(at, "a corner (,R or ,C) belongs to a cut by G1");
     }
     let to = corner::end(machine, state, block, cuts, sink)?;
+    if let Some(code) = words.system {
+        machine.with_offsets(|machine| machine.system = usize::from((code.tenths - 540) / 10));
+    }
     m_words(machine, block, &words, sink)?;
     let once = words.once.map(|code| code.tenths);
     if once == Some(500) {
@@ -134,7 +143,9 @@ pub(crate) fn execute(
     let mut next = Next::Line;
     match once {
         Some(40) => dwell(machine, block, sink)?,
+        Some(100) => offsets::set(machine, block)?,
         Some(280) => home(machine, block, sink)?,
+        Some(530) => offsets::go_in_machine(machine, block, &words.motion, sink)?,
         Some(500) => {}
         Some(740 | 750) => cycles::peck(machine, state, block, once == Some(740), sink)?,
         Some(_) => {
@@ -158,15 +169,6 @@ pub(crate) fn execute(
     Ok(next)
 }
 
-/// Where a line has a variable or an expression, outside of its comments.
-fn macro_at(line: &[u8]) -> Option<usize> {
-    let mut comment = false;
-    line.iter().position(|byte| {
-        comment = (comment || *byte == b'(') && *byte != b')';
-        !comment && matches!(byte, b'#' | b'[')
-    })
-}
-
 /// Says once that a number has no point: on some controls it counts thousandths.
 fn with_points(machine: &mut Machine, block: &Block, line: &[u8]) {
     for letter in *b"xzuwik" {
@@ -175,7 +177,7 @@ fn with_points(machine: &mut Machine, block: &Block, line: &[u8]) {
         let word = &line[at + 1..];
         let end = word.iter().position(|byte| !matches!(byte, b'0'..=b'9' | b'+' | b'-' | b'.' | b' '));
         let word = &word[..end.unwrap_or(word.len())];
-        if value.fract() == 0.0 && !word.is_empty() && !word.contains(&b'.') {
+        if value.fract() == 0.0 && word.iter().any(u8::is_ascii_digit) && !word.contains(&b'.') {
             machine.warn(at, "a number without a point is taken in whole units, not in thousandths");
         }
     }
