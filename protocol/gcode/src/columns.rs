@@ -85,7 +85,7 @@ mod tests {
             let mut columns = Columns::new(words);
             columns.push(&text[..cut]);
             columns.push(&text[cut..]);
-            assert_eq!(columns.finish(), [8, 19, 8, 6, 3, 1]);
+            assert_eq!(columns.finish(), [8, 18, 8, 6, 3, 1]);
         }
     }
 }
