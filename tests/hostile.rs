@@ -17,7 +17,7 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 use serialport::{ClearBuffer, SerialPort};
 
 use crate::common::clients::terminal;
-use crate::common::{ACK, AT_REST, Pc, Up, XON, kill, wait_until};
+use crate::common::{ACK, AT_REST, PATIENCE, Pc, Up, XON, kill, wait_until};
 
 fn size(small: usize, full: usize) -> usize {
     if std::env::var_os("TORNO_HOSTILE").is_some() { full } else { small }
@@ -38,7 +38,7 @@ fn tell(up: &Up, what: &str) {
 fn client(up: &Up, baud: u32) -> Pc {
     let mut opened = None;
     wait_until("the port can be opened", || {
-        opened = serialport::new(up.link().to_str().unwrap(), baud).open_native().ok();
+        opened = serialport::new(up.link().to_str().unwrap(), baud).timeout(PATIENCE).open_native().ok();
         opened.is_some()
     });
     Pc { port: opened.unwrap() }
