@@ -1,6 +1,6 @@
 //! The last step: moves become frames.
 
-use torno_protocol::lathe::{DepthSubFrame, Frame, SpindleSubFrame, TransverseSubFrame};
+use torno_protocol::lathe::Frame;
 
 /// A frame of a plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,21 +58,8 @@ impl Merge {
         let (more_z, more_x) = (counts - z, infeed - x);
         self.whole =
             (more_z != 0 || more_x != 0).then_some(Move { line, spindle, feed: (more_z, speed), infeed: more_x });
-        frame(spindle, z, speed, x).map(|frame| Planned { line, frame })
+        Frame::moving(spindle, z as i32, speed, x as i32).ok().map(|frame| Planned { line, frame })
     }
-}
-
-/// What the master takes, and nothing else.
-fn frame(spindle: u8, counts: i64, speed: u8, slots: i64) -> Option<Frame> {
-    let bytes = |way: i64| (way.unsigned_abs() as u16).to_be_bytes();
-    let code = |way: i64| u8::from(way < 0);
-    let ([high, low], [depth_high, depth_low]) = (bytes(counts), bytes(slots));
-    let speed = if counts == 0 { 0 } else { speed };
-    Some(Frame {
-        spindle: SpindleSubFrame::parse([spindle]).ok()?,
-        transverse: TransverseSubFrame::parse([speed, high, low, code(counts)]).ok()?,
-        depth: DepthSubFrame::parse([depth_high, depth_low, code(slots)]).ok()?,
-    })
 }
 
 #[cfg(test)]
