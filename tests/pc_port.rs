@@ -140,10 +140,10 @@ fn garbage(random: &mut ChaCha8Rng, length: usize) -> Vec<u8> {
 
 // --- a client that is held by its operating system ------------------------------------------------------------------
 
-/// More than the kernel holds for a client (9 to 18 KB): its write returns only when the rig has taken some.
+/// More than the kernel holds for a client (9 to 21 KB): its write returns only when the rig has taken some.
 #[test]
-fn blocking_write_of_24_kb_is_held_and_nothing_of_it_is_lost() {
-    const FRAMES: usize = 3000;
+fn blocking_write_of_36_kb_is_held_and_nothing_of_it_is_lost() {
+    const FRAMES: usize = 4500;
     let up = Up::start(&["--pace", "100"]);
     let mut pc = pc_with_ixon(&up);
     let mut writer = pc.port.try_clone_native().unwrap();
