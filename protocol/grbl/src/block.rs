@@ -188,22 +188,26 @@ impl<'a> Reader<'a> {
         };
         let mut origin = self.memory.systems[system];
         for axis in (0..3).filter(|axis| self.words.has_axis(*axis)) {
-            let value = self.length(self.words.xyz[axis]);
-            let lengthened = if axis == Z { self.before.tool_length } else { 0.0 };
-            let place = self.before.position[axis] - self.before.shift[axis] - value - lengthened;
-            origin[axis] = if relative { place } else { value };
+            origin[axis] = if relative {
+                self.origin_for(axis, self.before.shift[axis])
+            } else {
+                self.length(self.words.xyz[axis])
+            };
         }
         Ok((system, origin))
+    }
+
+    /// What has to be added to `other` so that the axis's word is the present place.
+    fn origin_for(&self, axis: usize, other: f32) -> f32 {
+        let lengthened = if axis == Z { self.before.tool_length } else { 0.0 };
+        self.before.position[axis] - other - self.length(self.words.xyz[axis]) - lengthened
     }
 
     /// G92: the shift that makes the words the present place.
     fn shift(&self) -> Axes {
         let mut shift = self.before.shift;
         for axis in (0..3).filter(|axis| self.words.has_axis(*axis)) {
-            let value = self.length(self.words.xyz[axis]);
-            let lengthened = if axis == Z { self.before.tool_length } else { 0.0 };
-            let system = self.memory.systems[self.now.system][axis];
-            shift[axis] = self.before.position[axis] - system - value - lengthened;
+            shift[axis] = self.origin_for(axis, self.memory.systems[self.now.system][axis]);
         }
         shift
     }
