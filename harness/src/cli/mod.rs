@@ -230,7 +230,7 @@ fn load_program(path: Option<&Path>, rig: &RigFile) -> anyhow::Result<Loaded> {
         let plan = gcode::plan::load(path, rig)?;
         return Ok(Loaded { name, program: plan.program, asked: plan.report.stock.map(|stock| stock.profile) });
     }
-    let text = torno::text_file::read(path).map_err(|error| unreadable(error, &name))?;
+    let text = read_program(path)?;
     let program = Program::parse(&text).with_context(|| name.clone())?;
     Ok(Loaded { name, program, asked: None })
 }
@@ -247,11 +247,7 @@ struct LoadedLines {
 fn load_lines(path: Option<&Path>, rig: &RigFile) -> anyhow::Result<LoadedLines> {
     let (name, text) = match path {
         None => (LINES.0.to_owned(), LINES.1.to_owned()),
-        Some(path) => {
-            let name = path.display().to_string();
-            let text = torno::text_file::read(path).map_err(|error| unreadable(error, &name))?;
-            (name, text)
-        }
+        Some(path) => (path.display().to_string(), read_program(path)?),
     };
     let at = torno::planning::settings(rig, None, Default::default()).map(|settings| settings.start);
     let first = at.map_or_else(|_| String::new(), |at| format!("G10 L20 P1 X{:.4} Z{:.4}\n", at.x, at.z));
@@ -262,12 +258,13 @@ fn load_lines(path: Option<&Path>, rig: &RigFile) -> anyhow::Result<LoadedLines>
     Ok(LoadedLines { name, job: LineJob::new(&first, &text), asked })
 }
 
-/// Why the program in a file of this name cannot be read.
-fn unreadable(error: TextError, name: &str) -> anyhow::Error {
-    match error {
+/// The text of a program.
+fn read_program(path: &Path) -> anyhow::Result<String> {
+    let name = path.display().to_string();
+    torno::text_file::read(path).map_err(|error| match error {
         TextError::Unreadable(error) => anyhow::Error::new(error).context(format!("cannot read the program '{name}'")),
-        TextError::NotText { .. } => anyhow::Error::new(error).context(name.to_owned()),
-    }
+        TextError::NotText { .. } => anyhow::Error::new(error).context(name),
+    })
 }
 
 /// Opens a recording and writes its header.

@@ -20,8 +20,8 @@ use torno_servo::{Compiled, Finding, Language, Limits, Severity, compile};
 
 use super::options::picture;
 use super::{
-    FAILED, INTERRUPTED, Interrupt, OutputFile, USAGE, draw, load_rig, print, print_beside, start_recording,
-    unreadable, write_file,
+    FAILED, INTERRUPTED, Interrupt, OutputFile, USAGE, draw, load_rig, print, print_beside, read_program,
+    start_recording, write_file,
 };
 
 /// The rig that is meant where no port is named.
@@ -158,7 +158,7 @@ struct Source {
 impl Source {
     fn load(path: &Path, stand: &Stand) -> anyhow::Result<Self> {
         let name = path.display().to_string();
-        let text = torno::text_file::read(path).map_err(|error| unreadable(error, &name))?;
+        let text = read_program(path)?;
         let compiled = compile(&text, &stand.limits());
         Ok(Self { name, text, compiled })
     }
