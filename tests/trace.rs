@@ -557,6 +557,21 @@ fn cuts_and_stimuli_are_repeated_with_the_same_digest() {
     }
 }
 
+#[test]
+fn a_recording_that_is_over_leaves_its_file_free_whoever_still_has_a_copy_of_the_descriptor() {
+    let folder = folder();
+    let path = folder.path().join("a.torno");
+    let file = Recorder::open(&path).unwrap();
+    // As a process has it that is being started.
+    let copy = file.try_clone().unwrap();
+    let header = RigFile::load("lathe").unwrap().header("lathe", 0, None);
+    let recorder = Recorder::begin(&path, file, &header).unwrap();
+    Recorder::open(&path).unwrap_err();
+    drop(recorder);
+    Recorder::open(&path).unwrap();
+    drop(copy);
+}
+
 /// Faults at instants, in steps, by what is seen and by what is heard; on lines and boards. Its last step fails.
 const SCENARIO: &str = r#"
 name = "everything at once"

@@ -180,5 +180,7 @@ impl Drop for Recorder {
             // Whatever ends the session is told already.
             self.writer.flush().ok();
         }
+        // Not left to the close: a process being started has a copy of the descriptor until it runs its program.
+        self.writer.output().unlock().ok();
     }
 }

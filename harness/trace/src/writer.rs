@@ -45,6 +45,11 @@ impl<W: Write> Writer<W> {
         Ok(Self { output, block, number: 1, last: 0, settled: Instant::START, good: Instant::START })
     }
 
+    /// What it is written to.
+    pub const fn output(&self) -> &W {
+        &self.output
+    }
+
     /// How far what has been written is good.
     pub const fn good(&self) -> Instant {
         self.good
