@@ -43,6 +43,8 @@ pub(super) struct Gateway {
     held: bool,
     /// When the UART's supply has gone or come, as far as that still lies ahead: what was to be sent by then is lost.
     supply: Vec<Instant>,
+    /// The instant of the last thing that the UART has been told.
+    told: Instant,
 }
 
 impl Gateway {
@@ -64,6 +66,7 @@ impl Gateway {
             began: false,
             held: false,
             supply,
+            told: Instant::START,
         }
     }
 
@@ -143,7 +146,8 @@ impl Gateway {
             return Ok(());
         }
         // A client that has only changed its speed since it last wrote is to be heard at the new one.
-        self.configure(now, session)?;
+        let at = self.in_turn(now);
+        self.configure(at, session)?;
         let lost = self.port.write(&received);
         if lost > 0 {
             tracing::warn!("the program at the {} port does not read: {lost} bytes are lost", self.name);
@@ -151,8 +155,16 @@ impl Gateway {
         Ok(())
     }
 
+    /// When what comes at `at` happens: not before what came ahead of it, which the wall clock, ahead of the rig, may
+    /// have dated later.
+    fn in_turn(&mut self, at: Instant) -> Instant {
+        self.told = self.told.max(at);
+        self.told
+    }
+
     /// Takes what has come from the client.
     pub(super) fn take(&mut self, event: PortEvent, at: Instant, session: &mut Session) -> Result<(), SessionError> {
+        let at = self.in_turn(at);
         log::set_time(at);
         self.began &= !matches!(event, PortEvent::Opened | PortEvent::Closed);
         match event {
@@ -224,5 +236,44 @@ impl Gateway {
         self.baud = uart;
         session.stimulate(self.node, at, Stimulus::Configure { baud: uart, ixon: settings.ixon });
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use torno_engine::Limit;
+
+    use super::*;
+    use crate::port::LinkPath;
+    use crate::rig::Driver;
+    use crate::rig::file::RigFile;
+
+    #[tokio::test]
+    async fn what_a_client_writes_stays_in_order_whatever_the_clocks_say() {
+        let file = RigFile::load("lathe").unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let port = PcPort::open(LinkPath::Chosen(folder.path().join("pc")), file.pc.baud).unwrap();
+        let mut session = Session::start(&file, &Driver::InProcess, file.pc.uart()).await.unwrap();
+        let pc = session.rig().pc();
+        let mut gateway = Gateway::new(0, pc, &file.pc, port);
+        let baud = file.pc.baud;
+        // Dated by the wall clock, which is ahead, and then by the rig's.
+        for (byte, ms) in [(b'a', 10), (b'b', 5), (b'c', 20)] {
+            let event = PortEvent::Data { bytes: vec![byte], baud };
+            gateway.take(event, Instant::START + Span::from_millis(ms), &mut session).unwrap();
+        }
+        let mut sent = Vec::new();
+        loop {
+            let happened = session.step(Limit::until(Instant::START + Span::from_millis(100))).await.unwrap();
+            for (_, _, exchange) in happened.outside {
+                if let Exchange::Sent(byte, ..) = exchange {
+                    sent.push(byte);
+                }
+            }
+            if !happened.more {
+                break;
+            }
+        }
+        assert_eq!(sent, *b"abc");
     }
 }
