@@ -393,7 +393,8 @@ fn what_a_held_program_could_not_send_is_not_the_next_ones() {
     up.wait_for_log("the PC port has been closed");
     let mut new = up.pc();
     new.write(&AT_REST);
-    new.expect(&[NAK, b'o']);
+    // What the old one's UART had loaded at XOFF began that frame, so that the end of this one is cut short.
+    new.expect(&[NAK, b'o', NAK, b'c']);
     up.wait_for_log("bytes that the program before could not send are dropped");
     new.write(&AT_REST);
     new.expect(&[NAK, b'o']);
