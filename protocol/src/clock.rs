@@ -106,6 +106,13 @@ impl Ticks {
         Self { origin, nanos: nanos / divisor, ticks: ticks / divisor }
     }
 
+    /// Ticks of which `per` take `nanos` nanoseconds, the first one at `origin`. Zeros are taken as one.
+    pub fn every(origin: Instant, nanos: u64, per: u64) -> Self {
+        let (nanos, ticks) = (u128::from(nanos.max(1)), u128::from(per.max(1)));
+        let divisor = gcd(nanos, ticks);
+        Self { origin, nanos: nanos / divisor, ticks: ticks / divisor }
+    }
+
     /// The same ticks, counted from another origin.
     pub const fn from(self, origin: Instant) -> Self {
         Self { origin, ..self }

@@ -13,4 +13,5 @@ pub mod servo;
 pub mod settings;
 pub mod stepping;
 pub mod time;
+pub mod train;
 pub mod uart;
