@@ -57,10 +57,7 @@ fn stations(rig: &str, program: &str) -> (Vec<[i64; 2]>, Vec<i64>) {
     assert_eq!(runtime.block_on(run).unwrap().outcome, Outcome::Completed);
     // Boards are settled one after the other.
     facts.retain(|fact| !matches!(fact, Fact::Edges { .. }));
-    facts.sort_by_key(|fact| match fact {
-        Fact::Telemetry { at, .. } | Fact::Event { at, .. } => *at,
-        Fact::Edges { .. } => unreachable!("there are none"),
-    });
+    facts.sort_by_key(Fact::at);
     let (mut values, mut stations, mut speeds) = ([0; 2], Vec::new(), Vec::new());
     for fact in facts {
         match fact {

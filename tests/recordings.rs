@@ -9,6 +9,8 @@
 //! - `up`: a serial client at two speeds; `ctl fault`, `heal`, `power`, `pause`, `step`, `resume`; a board stopped,
 //!   continued, killed
 //! - `up-servo`: the same motion program from `servo run --port`
+//! - `run-grbl` (from version 4): `run lathe-grbl`
+//! - `up-grbl` (from version 4): a sender that counts characters, from its reset at opening
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -30,7 +32,7 @@ struct Held {
     inputs: usize,
 }
 
-const HELD: [Held; 6] = [
+const HELD: [Held; 8] = [
     Held {
         name: "run",
         digest: "c226910390026d6f81ce1b6554595906",
@@ -84,6 +86,24 @@ const HELD: [Held; 6] = [
         telemetry: 1729,
         events: 1459,
         inputs: 67,
+    },
+    Held {
+        name: "run-grbl",
+        digest: "7011f631add3f757106beabc3acdc12d",
+        edges: 9462,
+        characters: 1863,
+        telemetry: 14747,
+        events: 988,
+        inputs: 1,
+    },
+    Held {
+        name: "up-grbl",
+        digest: "895f33f6649880476c1b69096c1997f9",
+        edges: 9936,
+        characters: 1881,
+        telemetry: 1943,
+        events: 1644,
+        inputs: 32,
     },
 ];
 

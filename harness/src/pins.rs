@@ -76,7 +76,7 @@ fn told(outputs: &[Timed]) -> impl Iterator<Item = Word> {
     outputs.iter().filter_map(|Timed { at, output }| match output {
         Output::Telemetry { signal, value } => Some((*at, false, *signal, *value)),
         Output::Event { event, value } => Some((*at, true, *event, *value)),
-        Output::Character { .. } | Output::Cut { .. } => None,
+        Output::Character { .. } | Output::Cut { .. } | Output::Pin { .. } => None,
     })
 }
 

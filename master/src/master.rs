@@ -307,6 +307,7 @@ impl Board for Master {
             waits: vec![Wait { signal: Reception::BUSY, ports: vec![1, 2, 3] }],
             capabilities: vec![Capability::Reset],
             motors: Vec::new(),
+            pins: Vec::new(),
         }
     }
 

@@ -82,7 +82,7 @@ impl Bench {
                 receivers[usize::from(port)].hear_cut(at);
                 outputs.push(output);
             }
-            Output::Telemetry { .. } | Output::Event { .. } => outputs.push(output),
+            Output::Telemetry { .. } | Output::Event { .. } | Output::Pin { .. } => outputs.push(output),
         });
         self.now = until;
     }
@@ -118,7 +118,7 @@ impl Bench {
             Output::Telemetry { signal, value } => format!("{}={value}", description.signals[usize::from(signal)].name),
             Output::Event { event, value } => event_text(&description.events[usize::from(event)], value),
             Output::Cut { port } => format!("{} is cut", description.ports[usize::from(port)]),
-            Output::Character { .. } => String::new(),
+            Output::Character { .. } | Output::Pin { .. } => String::new(),
         };
         self.outputs.drain(..).map(word).collect()
     }

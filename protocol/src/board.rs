@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 use crate::clock::Clock;
 use crate::line::{Edge, Level};
 use crate::time::{Instant, Span};
+use crate::train::Train;
 use crate::uart::{Character, Receiver};
 
 /// A board: firmware, UARTs and, where it drives a motor, the plant.
@@ -99,6 +100,25 @@ impl Pin {
             self.edges.push(Edge { at, level });
         }
     }
+}
+
+/// A pin of which the board tells while it runs, by levels and trains of pulses.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct OutputPin {
+    /// Its name, unique on the board.
+    pub name: String,
+    /// Its level at the start.
+    pub first: Level,
+}
+
+/// What a board puts on an output pin. It takes the place of whatever was still to come there; a pulse that has begun
+/// goes on to its end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum PinOutput {
+    /// This level, from now on.
+    Level(Level),
+    /// These pulses, the first one not before now; the pin is low between them and after them.
+    Pulses(Train),
 }
 
 /// What reaches a board.
@@ -229,6 +249,13 @@ pub enum Output {
         /// The event's value: see the event's text.
         value: i64,
     },
+    /// An output pin does something: one output for a whole train of pulses.
+    Pin {
+        /// The pin's place in [`Description::pins`].
+        pin: u8,
+        /// What.
+        what: PinOutput,
+    },
 }
 
 /// When a board wants to run next, and why.
@@ -255,6 +282,8 @@ pub struct Description {
     pub capabilities: Vec<Capability>,
     /// Its motors.
     pub motors: Vec<Motor>,
+    /// The pins that it tells of.
+    pub pins: Vec<OutputPin>,
 }
 
 /// A motor of a board.

@@ -17,7 +17,7 @@ use crate::uart::Ear;
 
 /// The version of these records. Harness and board must have the same: they are one program, and a board that runs
 /// elsewhere says in its answer which version it speaks.
-pub const VERSION: u16 = 6;
+pub const VERSION: u16 = 7;
 
 /// The longest record that is accepted, in bytes.
 pub const LENGTH_MAX: usize = 16 << 20;
@@ -140,6 +140,7 @@ impl Report {
         let (parts, last) = parted(core::mem::take(&mut self.outputs), |told| match &told.output {
             Output::Character { edges, .. } => 1 + edges.len(),
             Output::Cut { .. } | Output::Telemetry { .. } | Output::Event { .. } => 1,
+            Output::Pin { .. } => 3,
         });
         parts.into_iter().map(FromBoard::Told).chain([FromBoard::Report(Self { outputs: last, ..self })])
     }
@@ -229,7 +230,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::board::{Capability, Motor, MotorStimulus, Role, Signal, Wait};
+    use crate::board::{Capability, Motor, MotorStimulus, OutputPin, Role, Signal, Wait};
     use crate::line::Level;
 
     fn grant() -> ToBoard {
@@ -264,11 +265,12 @@ mod tests {
             waits: vec![Wait { signal: 1, ports: vec![3] }],
             capabilities: vec![Capability::Reset],
             motors: vec![motor],
+            pins: vec![OutputPin { name: "x".to_owned(), first: Level::High }],
         };
         let mut buffer = BytesMut::new();
         encode(&FromBoard::Ready { version: VERSION, description }, &mut buffer).unwrap();
-        let parts: [&[u8]; 8] = [
-            &[0, 6],
+        let parts: [&[u8]; 9] = [
+            &[0, 7],
             b"\x01\x01p",
             b"\x02\x01s\x01\x03rpm\x03\x01\x02",
             b"\x01t\0\0\x08\0",
@@ -276,6 +278,7 @@ mod tests {
             &[1, 1, 1, 3],
             &[1, 0],
             b"\x01\x01m\x02\x01\x02",
+            b"\x01\x01x\x01",
         ];
         assert_eq!(buffer[..], bytes(&parts.concat()));
     }

@@ -451,6 +451,7 @@ impl Board for Servo {
             waits: Vec::new(),
             capabilities: vec![Capability::Reset],
             motors: vec![Motor { name: ONLY_MOTOR.to_owned(), capabilities: Axis::CAPABILITIES.to_vec() }],
+            pins: Vec::new(),
         }
     }
 

@@ -83,6 +83,7 @@ where
             waits: Vec::new(),
             capabilities: vec![Capability::Reset],
             motors: vec![self.task.motor(ONLY_MOTOR)],
+            pins: Vec::new(),
         }
     }
 

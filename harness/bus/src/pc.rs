@@ -210,6 +210,7 @@ impl<P: Conversation> Board for PcUart<P> {
             waits: vec![Wait { signal: STOPPED, ports: vec![0] }],
             capabilities: Vec::new(),
             motors: Vec::new(),
+            pins: Vec::new(),
         }
     }
 

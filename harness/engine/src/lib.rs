@@ -27,7 +27,7 @@ mod wire;
 
 use std::collections::BTreeSet;
 
-use torno_protocol::board::{Output, Stimulus};
+use torno_protocol::board::{Output, PinOutput, Stimulus};
 use torno_protocol::line::Edge;
 use torno_protocol::record::{Grant, Heard, Report, Silence, Timed};
 use torno_protocol::time::{Instant, Span};
@@ -158,6 +158,17 @@ pub enum Fact {
         /// Its value.
         value: i64,
     },
+    /// An output pin of a board does something.
+    Pin {
+        /// The board.
+        node: NodeId,
+        /// When it is told.
+        at: Instant,
+        /// The pin's number.
+        pin: u8,
+        /// What.
+        what: PinOutput,
+    },
 }
 
 impl Fact {
@@ -165,7 +176,7 @@ impl Fact {
     pub fn at(&self) -> Instant {
         match self {
             Self::Edges { edges, .. } => edges.first().map_or(Instant::START, |edge| edge.at),
-            Self::Telemetry { at, .. } | Self::Event { at, .. } => *at,
+            Self::Telemetry { at, .. } | Self::Event { at, .. } | Self::Pin { at, .. } => *at,
         }
     }
 
@@ -173,7 +184,7 @@ impl Fact {
     pub fn last(&self) -> Instant {
         match self {
             Self::Edges { edges, .. } => edges.last().map_or(Instant::START, |edge| edge.at),
-            Self::Telemetry { at, .. } | Self::Event { at, .. } => *at,
+            Self::Telemetry { at, .. } | Self::Event { at, .. } | Self::Pin { at, .. } => *at,
         }
     }
 }
@@ -726,6 +737,7 @@ impl Engine {
                 Output::Event { event, value } => {
                     self.facts.push(Fact::Event { node: id, at, event, value });
                 }
+                Output::Pin { pin, what } => self.facts.push(Fact::Pin { node: id, at, pin, what }),
             }
         }
         self.nodes[id].ahead = ahead;

@@ -154,7 +154,7 @@ impl Node {
                     (port, edges.first().map_or(told, |edge| told.min(edge.at)), cut)
                 }
                 Output::Cut { port } => (port, told, cut.min(*at)),
-                Output::Telemetry { .. } | Output::Event { .. } => continue,
+                Output::Telemetry { .. } | Output::Event { .. } | Output::Pin { .. } => continue,
             };
             if let Some(sending) = self.sending.get_mut(usize::from(*port)) {
                 (sending.told, sending.cut) = (told, cut);
@@ -252,14 +252,14 @@ impl Node {
 
     /// The earliest instant at which something other than telemetry happens.
     pub(super) fn next_instant(&self) -> Instant {
-        let told = self.ahead.iter().find(|told| !matches!(told.output, Output::Telemetry { .. }));
+        let told = self.ahead.iter().find(|told| !is_quiet(told));
         told.map_or(Instant::NEVER, |told| told.at).min(self.effect).min(self.told_until())
     }
 
     pub(super) fn is_quiet(&self) -> bool {
         match self.life {
             Life::Runs => {
-                let told = |told: &Timed| !matches!(told.output, Output::Telemetry { .. });
+                let told = |told: &Timed| !is_quiet(told);
                 !self.awaited && self.mute_since.is_some() && self.effect.is_never() && !self.ahead.iter().any(told)
             }
             Life::Stopped | Life::Gone => true,
@@ -271,7 +271,7 @@ impl Node {
     pub(super) fn active_until(&self) -> Instant {
         // What it has told of this instant and later need not hold.
         let unheard = self.eit.min(self.effect);
-        let told = |told: &&Timed| !matches!(told.output, Output::Telemetry { .. });
+        let told = |told: &&Timed| !is_quiet(told);
         let told = self.ahead.iter().rev().find(told).map(|told| told.at);
         match (self.life, self.mute_since) {
             (Life::Stopped | Life::Gone, _) => Instant::START,
@@ -393,6 +393,11 @@ impl Node {
             Heard::Stimulus { at, .. } => *at,
         }
     }
+}
+
+/// Whether it is told while nothing happens: with telemetry and pins alone a board goes on for ever.
+fn is_quiet(told: &Timed) -> bool {
+    matches!(told.output, Output::Telemetry { .. } | Output::Pin { .. })
 }
 
 /// Whether it goes out on a port.

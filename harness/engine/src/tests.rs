@@ -252,7 +252,9 @@ fn streams(facts: Vec<Fact>, until: Instant) -> Vec<Vec<Fact>> {
                 let single = edges.map(|edge| Fact::Edges { line, edges: vec![edge] });
                 streams[20 + line].extend(single);
             }
-            Fact::Telemetry { node, .. } | Fact::Event { node, .. } => streams[node].push(fact),
+            Fact::Telemetry { node, .. } | Fact::Event { node, .. } | Fact::Pin { node, .. } => {
+                streams[node].push(fact)
+            }
         }
     }
     streams

@@ -64,7 +64,7 @@ pub(super) struct Shown {
     /// Only this board; may be repeated, and joined with --line
     #[arg(long, value_name = "NAME")]
     pub(super) board: Vec<String>,
-    /// Only edges, characters, frames, telemetry, events or inputs; may be repeated [default: all but edges]
+    /// Only edges, characters, frames, telemetry, events, inputs or pins; may be repeated [default: all but edges]
     #[arg(long, value_name = "KIND")]
     pub(super) kind: Vec<String>,
 }

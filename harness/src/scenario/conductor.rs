@@ -381,7 +381,7 @@ impl<'a> Conductor<'a> {
                         |never| matches!(never, Condition::Event { node, event, .. } if is(*node, *event)),
                     );
                 }
-                Fact::Edges { .. } => {}
+                Fact::Edges { .. } | Fact::Pin { .. } => {}
             }
         }
         hits

@@ -72,7 +72,7 @@ impl Moment<'_> {
                 let row = |trace: &Trace, fact: &Fact| Row::of_fact(&trace.header, fact).first().map(Row::what);
                 let value = |fact: &Fact| match fact {
                     Fact::Telemetry { value, .. } | Fact::Event { value, .. } => Some(*value),
-                    Fact::Edges { .. } => None,
+                    Fact::Edges { .. } | Fact::Pin { .. } => None,
                 };
                 let kind = core::mem::discriminant(*a) == core::mem::discriminant(*b);
                 kind && self.at() == other.at() && value(a) == value(b) && row(own, a) == row(others, b)
@@ -168,7 +168,9 @@ fn streams(trace: &Trace) -> Streams<'_> {
                 let edges = edges.iter().map(|edge| Moment::Edge { at: edge.at, level: edge.level });
                 streams.lines[*line].extend(edges);
             }
-            Fact::Telemetry { node, .. } | Fact::Event { node, .. } => streams.boards[*node].push(Moment::Other(fact)),
+            Fact::Telemetry { node, .. } | Fact::Event { node, .. } | Fact::Pin { node, .. } => {
+                streams.boards[*node].push(Moment::Other(fact));
+            }
         }
     }
     streams

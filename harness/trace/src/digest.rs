@@ -2,8 +2,10 @@
 
 use std::fmt;
 
+use torno_protocol::board::PinOutput;
 use torno_protocol::line::Level;
 use torno_protocol::time::Instant;
+use torno_protocol::train::Train;
 use xxhash_rust::xxh3::Xxh3;
 
 use torno_engine::Fact;
@@ -55,6 +57,16 @@ impl Digest {
             }),
             Fact::Telemetry { node, at, signal, value } => self.nodes[*node].add(*at, 3, *signal, *value),
             Fact::Event { node, at, event, value } => self.nodes[*node].add(*at, 4, *event, *value),
+            Fact::Pin { node, at, pin, what: PinOutput::Level(level) } => {
+                self.nodes[*node].add(*at, 5, *pin, i64::from(*level == Level::High));
+            }
+            // As it is told, not pulse by pulse.
+            Fact::Pin { node, at, pin, what: PinOutput::Pulses(train) } => {
+                let Train { first, nanos, per, count, high } = *train;
+                self.nodes[*node].add(*at, 6, *pin, count.cast_signed());
+                self.nodes[*node].add(first, 7, *pin, nanos.cast_signed());
+                self.nodes[*node].add(first + high, 8, *pin, per.cast_signed());
+            }
         }
     }
 

@@ -1,15 +1,17 @@
 //! The trace's format: how each part is laid out. See the [module](super) for the whole.
 
 use serde::{Deserialize, Serialize};
+use torno_protocol::board::PinOutput;
 use torno_protocol::layout::{BoardLayout, Layout};
 use torno_protocol::line::{Edge, Level};
-use torno_protocol::time::Instant;
+use torno_protocol::time::{Instant, Span};
+use torno_protocol::train::Train;
 use torno_protocol::uart::ReceiverKind;
 
 use torno_engine::{Disturbance, Fact, Input, InputKind};
 
 /// The version of the format.
-pub const VERSION: u16 = 4;
+pub const VERSION: u16 = 5;
 
 /// What every trace begins with. Its first byte is no text, its last two tell whether somebody has changed line ends.
 pub const MAGIC: [u8; 8] = *b"\x89torno\r\n";
@@ -25,6 +27,7 @@ const EDGES: u64 = 0;
 const TELEMETRY: u64 = 1;
 const EVENT: u64 = 2;
 const INPUT: u64 = 3;
+const PIN: u64 = 4;
 
 /// Bytes of the longest varint.
 const VARINT_MAX: u32 = 10;
@@ -78,10 +81,22 @@ pub(super) fn put_header(header: &Header, buffer: Vec<u8>) -> Result<Vec<u8>, po
     postcard::to_extend(&receivers, postcard::to_extend(header, buffer)?)
 }
 
+/// Takes a header out of a block, as a version of the format has it; gives the bytes that follow it.
+pub(super) type TakeHeader = fn(&[u8]) -> Option<(Header, &[u8])>;
+
+/// As this version has it.
+pub(super) fn take_header(bytes: &[u8]) -> Option<(Header, &[u8])> {
+    postcard::take_from_bytes(bytes).ok()
+}
+
 /// Reads a header. Without receivers behind it, it is of a trace from before there were any: `today` then gives those
 /// that the same rig has now.
-pub(super) fn header(bytes: &[u8], today: impl Fn(&str, &str) -> Option<(Layout, String)>) -> Option<Header> {
-    let (mut header, rest) = postcard::take_from_bytes::<Header>(bytes).ok()?;
+pub(super) fn header(
+    bytes: &[u8],
+    take: TakeHeader,
+    today: impl Fn(&str, &str) -> Option<(Layout, String)>,
+) -> Option<Header> {
+    let (mut header, rest) = take(bytes)?;
     if !header.layout.is_sound() {
         return None;
     }
@@ -139,6 +154,21 @@ pub(super) fn put_fact(fact: &Fact, last: &mut u64, buffer: &mut Vec<u8>) {
             put_start(EVENT, *node, at.as_nanos(), last, buffer);
             buffer.push(*event);
             put_varint(zigzag(*value), buffer);
+        }
+        Fact::Pin { node, at, pin, what } => {
+            put_start(PIN, *node, at.as_nanos(), last, buffer);
+            buffer.push(*pin);
+            let (level, train) = match what {
+                PinOutput::Level(level) => (1 + u8::from(*level == Level::High), None),
+                PinOutput::Pulses(train) => (0, Some(train)),
+            };
+            buffer.push(level);
+            if let Some(Train { first, nanos, per, count, high }) = train {
+                let after = first.as_nanos().wrapping_sub(at.as_nanos());
+                for number in [after, *nanos, *per, *count, high.as_nanos()] {
+                    put_varint(number, buffer);
+                }
+            }
         }
     }
 }
@@ -218,6 +248,16 @@ impl<'a> Entries<'a> {
                 let event = self.byte()?;
                 Entry::Fact(Fact::Event { node: number, at, event, value: unzigzag(self.varint()?) })
             }
+            PIN => {
+                let pin = self.byte()?;
+                let what = match self.byte()? {
+                    0 => PinOutput::Pulses(self.train(at)?),
+                    1 => PinOutput::Level(Level::Low),
+                    2 => PinOutput::Level(Level::High),
+                    _ => return None,
+                };
+                Entry::Fact(Fact::Pin { node: number, at, pin, what })
+            }
             INPUT if number == 0 => {
                 let given = self.varint()?;
                 let given = Instant::from_nanos(i64::try_from(given).ok()? as u64);
@@ -241,6 +281,12 @@ impl<'a> Entries<'a> {
             edges.push(Edge { at: Instant::from_nanos(last), level });
         }
         Some(edges)
+    }
+
+    fn train(&mut self, at: Instant) -> Option<Train> {
+        let first = at.as_nanos().checked_add(self.varint()?).filter(|first| i64::try_from(*first).is_ok())?;
+        let (nanos, per, count) = (self.varint()?, self.varint()?, self.varint()?);
+        Some(Train { first: Instant::from_nanos(first), nanos, per, count, high: Span::from_nanos(self.varint()?) })
     }
 
     /// Far from the end of time nothing saturates.
@@ -276,7 +322,9 @@ impl<'a> Entries<'a> {
 fn refers_to(entry: &Entry, header: &Header) -> bool {
     let (line, board) = match entry {
         Entry::Fact(Fact::Edges { line, .. }) => (Some(*line), None),
-        Entry::Fact(Fact::Telemetry { node, .. } | Fact::Event { node, .. }) => (None, Some(*node)),
+        Entry::Fact(Fact::Telemetry { node, .. } | Fact::Event { node, .. } | Fact::Pin { node, .. }) => {
+            (None, Some(*node))
+        }
         Entry::Input(Input { what, .. }) => match what {
             // A line can touch another, but not itself.
             InputKind::Disturbed { line, disturbance: Disturbance::Short(other), .. } if line == other => return false,

@@ -4,7 +4,7 @@
 //! came from outside. The facts are what happened; the rig and the inputs are all that is needed to let it happen
 //! again.
 //!
-//! # The file, version 4
+//! # The file, version 5
 //!
 //! All fixed numbers are little-endian. `varint` is an unsigned LEB128 as `postcard` writes it, at most ten bytes;
 //! `zigzag` is a signed number as a varint of `(n << 1) ^ (n >> 63)`.
@@ -22,6 +22,9 @@
 //!           1 telemetry  the number is the board's: signal (1 byte), zigzag value
 //!           2 event      the number is the board's: event (1 byte), zigzag value
 //!           3 input      the number is 0: varint of `given`, `postcard` of `rig::What`
+//!           4 pin        the number is the board's: pin (1 byte), then 1 (low), 2 (high), or 0 and a train of pulses:
+//!                        varints of the nanoseconds from `at` to the first rising edge, of the nanoseconds that a
+//!                        number of periods take, of that number, of the pulses' number, and of how long each is high
 //! ```
 //!
 //! Instants are nanoseconds since the rig started, below 2^63. Facts of one line are in order, and so are those of one
@@ -39,6 +42,7 @@ mod format;
 mod reader;
 pub mod rows;
 mod v3;
+mod v4;
 mod waveform;
 mod writer;
 

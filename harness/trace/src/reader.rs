@@ -8,7 +8,7 @@ use xxhash_rust::xxh3::xxh3_64_with_seed;
 use torno_protocol::layout::Layout;
 
 use crate::format::{self, Entries, Entry, Header, MAGIC, PREFIX, ReadWhat, VERSION};
-use crate::{Trace, v3};
+use crate::{Trace, v3, v4};
 
 /// The oldest version that is read.
 const OLDEST: u16 = v3::VERSION;
@@ -137,13 +137,14 @@ impl<R: Read> Blocks<R> {
             [a, b] => u16::from_le_bytes([*a, *b]),
             _ => return Err(Damage::Truncated { byte }),
         };
-        if version != VERSION && version != v3::VERSION {
+        if ![v3::VERSION, v4::VERSION, VERSION].contains(&version) {
             return Err(Damage::Version(version));
         }
         let payload = self.next()?.ok_or(Damage::Truncated { byte })?;
         let header = match payload.split_first() {
             Some((&format::HEADER, rest)) if version == v3::VERSION => v3::header(rest, layout),
-            Some((&format::HEADER, rest)) => format::header(rest, layout),
+            Some((&format::HEADER, rest)) if version == v4::VERSION => format::header(rest, v4::take_header, layout),
+            Some((&format::HEADER, rest)) => format::header(rest, format::take_header, layout),
             _ => None,
         };
         let what = if version == v3::VERSION { v3::what } else { format::what };
@@ -182,9 +183,10 @@ impl<R: Read> Blocks<R> {
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
-    use torno_protocol::board::{MotorStimulus, Stimulus};
+    use torno_protocol::board::{MotorStimulus, PinOutput, Stimulus};
     use torno_protocol::line::{Edge, Level};
     use torno_protocol::time::Span;
+    use torno_protocol::train::Train;
 
     use super::*;
     use crate::analyser::rows;
@@ -245,6 +247,15 @@ mod tests {
         })
     }
 
+    fn outputs() -> impl Strategy<Value = PinOutput> {
+        prop_oneof![
+            any::<bool>().prop_map(|high| PinOutput::Level(if high { Level::High } else { Level::Low })),
+            (at(), any::<[u64; 4]>()).prop_map(|(first, [nanos, per, count, high])| {
+                PinOutput::Pulses(Train { first, nanos, per, count, high: Span::from_nanos(high) })
+            }),
+        ]
+    }
+
     fn facts() -> impl Strategy<Value = Fact> {
         prop_oneof![
             (0..8usize, edges()).prop_map(|(line, edges)| Fact::Edges { line, edges }),
@@ -259,6 +270,15 @@ mod tests {
                 at,
                 event,
                 value
+            }),
+            (0..5usize, at(), any::<u8>(), outputs()).prop_map(|(node, at, pin, what)| Fact::Pin {
+                node,
+                at,
+                pin,
+                what: match what {
+                    PinOutput::Pulses(train) => PinOutput::Pulses(Train { first: train.first.max(at), ..train }),
+                    level => level,
+                },
             }),
         ]
     }
@@ -506,8 +526,8 @@ mod tests {
             };
             b.inputs.retain(|input| !on_line_7(&input.what));
             for trace in [&a, &b] {
-                let kinds = ["edges", "characters", "frames", "telemetry", "events", "inputs"].map(str::to_owned);
-                let wanted = Wanted { kinds: kinds.to_vec(), ..Wanted::default() };
+                let kinds = ["edges", "characters", "frames", "telemetry", "events", "inputs", "pins"];
+                let wanted = Wanted { kinds: kinds.map(str::to_owned).to_vec(), ..Wanted::default() };
                 let filter = Filter::new(&trace.header, &wanted).unwrap();
                 let rows = rows(trace, &filter, |_| None);
                 prop_assert!(rows.is_sorted_by_key(|row| row.at));

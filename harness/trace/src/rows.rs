@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use anstyle::{AnsiColor, Style};
 use serde_json::{Value, json};
-use torno_protocol::board::{Description, MotorStimulus, Stimulus, event_text};
+use torno_protocol::board::{Description, MotorStimulus, PinOutput, Stimulus, event_text};
 use torno_protocol::line::Level;
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::Character;
@@ -31,20 +31,23 @@ pub enum Kind {
     Events,
     /// What came from outside.
     Inputs,
+    /// What output pins do.
+    Pins,
 }
 
 impl Kind {
-    const NAMES: [(Self, &'static str); 6] = [
+    const NAMES: [(Self, &'static str); 7] = [
         (Self::Edges, "edges"),
         (Self::Characters, "characters"),
         (Self::Frames, "frames"),
         (Self::Telemetry, "telemetry"),
         (Self::Events, "events"),
         (Self::Inputs, "inputs"),
+        (Self::Pins, "pins"),
     ];
 
     /// The kinds that are shown if none is asked for: all but edges.
-    const USUAL: [Self; 5] = [Self::Characters, Self::Frames, Self::Telemetry, Self::Events, Self::Inputs];
+    const USUAL: [Self; 6] = [Self::Characters, Self::Frames, Self::Telemetry, Self::Events, Self::Inputs, Self::Pins];
 
     fn name(self) -> &'static str {
         Self::NAMES.iter().find(|row| row.0 == self).map_or("?", |row| row.1)
@@ -161,6 +164,7 @@ enum Content {
     Telemetry { quantity: String, value: i64 },
     Event { text: String },
     Input { text: String },
+    Pin { text: String },
 }
 
 impl Row {
@@ -173,6 +177,7 @@ impl Row {
             Content::Telemetry { .. } => Kind::Telemetry,
             Content::Event { .. } => Kind::Events,
             Content::Input { .. } => Kind::Inputs,
+            Content::Pin { .. } => Kind::Pins,
         }
     }
 
@@ -205,6 +210,12 @@ impl Row {
                 let text = description(*node).events.get(usize::from(*event));
                 let text = text.map_or_else(|| format!("event {event}, {value}"), |text| event_text(text, *value));
                 vec![Self { at: *at, place: Place::Board(*node), content: Content::Event { text } }]
+            }
+            Fact::Pin { node, at, pin, what } => {
+                let known = description(*node).pins.get(usize::from(*pin));
+                let name = known.map_or("?", |pin| pin.name.as_str());
+                let content = Content::Pin { text: format!("{name}: {}", output_text(*what)) };
+                vec![Self { at: *at, place: Place::Board(*node), content }]
             }
         }
     }
@@ -250,7 +261,10 @@ impl Row {
                 }
                 text
             }
-            Content::Message { text, .. } | Content::Event { text } | Content::Input { text } => text.clone(),
+            Content::Message { text, .. }
+            | Content::Event { text }
+            | Content::Input { text }
+            | Content::Pin { text } => text.clone(),
             Content::Telemetry { quantity, value } => format!("{quantity} = {value}"),
         }
     }
@@ -263,6 +277,7 @@ impl Row {
             _ if self.is_flaw() => ("!", AnsiColor::Red.on_default().bold()),
             Content::Message { .. } => (">", AnsiColor::Cyan.on_default()),
             Content::Telemetry { .. } => ("=", Style::new().dimmed()),
+            Content::Pin { .. } => ("~", Style::new().dimmed()),
             Content::Event { .. } => ("*", Style::new()),
             Content::Input { .. } => ("<", AnsiColor::Yellow.on_default()),
             Content::Edge(_) | Content::Character(_) => (" ", Style::new()),
@@ -295,7 +310,9 @@ impl Row {
                 row["quantity"] = quantity.as_str().into();
                 row["value"] = (*value).into();
             }
-            Content::Event { text } | Content::Input { text } => row["text"] = text.as_str().into(),
+            Content::Event { text } | Content::Input { text } | Content::Pin { text } => {
+                row["text"] = text.as_str().into();
+            }
         }
         row
     }
@@ -316,6 +333,15 @@ pub const CSV_HEADER: &str = "time_s,board,quantity,value";
 /// A field as RFC 4180 has it.
 fn csv_field(text: &str) -> String {
     if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_owned() }
+}
+
+fn output_text(what: PinOutput) -> String {
+    match what {
+        PinOutput::Level(Level::High) => "high".to_owned(),
+        PinOutput::Level(Level::Low) => "low".to_owned(),
+        PinOutput::Pulses(train) if train.count == 0 => "no pulses".to_owned(),
+        PinOutput::Pulses(train) => format!("{} pulses at {:.1} Hz from {}", train.count, train.hz(), train.first),
+    }
 }
 
 fn stimulus_text(description: &Description, stimulus: &Stimulus) -> String {

@@ -174,6 +174,7 @@ impl Description {
             waits,
             capabilities: capabilities(&own),
             motors: only.into_iter().chain(motors).map(motor).collect(),
+            pins: Vec::new(),
         }
     }
 }

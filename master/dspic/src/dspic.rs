@@ -168,6 +168,7 @@ impl Board for Dspic {
             waits: Vec::new(),
             capabilities: vec![Capability::Reset],
             motors: named().map(|(name, task)| task.motor(name)).collect(),
+            pins: Vec::new(),
         }
     }
 

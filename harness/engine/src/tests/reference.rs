@@ -117,6 +117,7 @@ impl<'a> Reference<'a> {
                 }
             }
             Output::Telemetry { signal, value } => self.facts.push(Fact::Telemetry { node, at, signal, value }),
+            Output::Pin { pin, what } => self.facts.push(Fact::Pin { node, at, pin, what }),
             Output::Event { event, value } => {
                 self.facts.push(Fact::Event { node, at, event, value });
                 if let Some((watched, reacts)) = self.ring.reacts
