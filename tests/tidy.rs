@@ -15,10 +15,11 @@ struct Crate {
     may_use: &'static [&'static str],
 }
 
-const CRATES: [Crate; 18] = [
+const CRATES: [Crate; 19] = [
     Crate { folder: "protocol", pure: true, may_use: &[] },
     Crate { folder: "protocol/gcode", pure: true, may_use: &[] },
     Crate { folder: "protocol/grbl", pure: true, may_use: &["protocol"] },
+    Crate { folder: "protocol/motion", pure: true, may_use: &["protocol"] },
     Crate { folder: "protocol/part", pure: true, may_use: &[] },
     Crate { folder: "protocol/planner", pure: true, may_use: &["protocol", "gcode", "part"] },
     Crate { folder: "master", pure: true, may_use: &["protocol"] },
