@@ -26,6 +26,7 @@ mod look_ahead;
 mod planner;
 mod profile;
 mod segment;
+mod timer;
 
 pub use block::Rate;
 pub use limits::{AXES, AxisLimits, Limits};

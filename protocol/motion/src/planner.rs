@@ -10,6 +10,7 @@ use crate::limits::{AXES, Limits};
 use crate::look_ahead::{Cursor, limit_entries, look_ahead, max_entry};
 use crate::profile::Profile;
 use crate::segment::{Segment, Stretch, WHOLE};
+use crate::timer;
 
 /// GRBL's segments on a ramp, s: 100 of them a second.
 const SLICE: f64 = 0.01;
@@ -332,7 +333,8 @@ impl Planner {
         let ends = ends && (self.cycle != Cycle::Holding || length >= cursor.left);
         let left = if ends { 0.0 } else { cursor.left - length };
         let to = if ends { WHOLE } else { WHOLE - ((left / block.length * WHOLE as f64) as u64).max(1) };
-        let time = Span::from_nanos(((time * NANOS + 0.5) as u64).max(1));
+        let step = time * block.length / (length * block.most_steps() as f64);
+        let time = Span::from_nanos(((time * timer::stretch(step) * NANOS + 0.5) as u64).max(1));
         let cut = Cut {
             to,
             time,
