@@ -22,7 +22,8 @@ const MACHINE: u8 = 1;
 /// The speed of the PC's line.
 const USB_RATE: Rate = Rate::hz(115_200);
 /// X and Z move; the main motor turns one way.
-const ABILITIES: Abilities = Abilities { axes: [true, false, true], counterclockwise: false };
+const ABILITIES: Abilities =
+    Abilities { axes: [true, false, true, false], counterclockwise: false, single_homing: false, holds_slowly: true };
 
 /// The events.
 #[derive(Clone, Copy)]

@@ -5,7 +5,8 @@ use std::collections::VecDeque;
 use torno_gcode::{Feed, Kind, Motion, Place, Sense, Speed};
 use torno_grbl::code::Alarm;
 use torno_grbl::machine::{Machine, Move, Overrides, Progress};
-use torno_grbl::{Rate, Spindle};
+use torno_grbl::memory::Settings;
+use torno_grbl::{Axes, Rate, Spindle};
 use torno_planner::{Planner, Scale, Side, Standing};
 use torno_protocol::lathe::{
     CHARACTER, FRAME_GAP, Fault, Frame, Party, Reply, ReplyDecoder, Slave, TransverseSubFrame,
@@ -94,7 +95,7 @@ pub(crate) struct Lathe {
     told: u8,
     /// No frame before.
     quiet_until: Instant,
-    ends: [bool; 3],
+    ends: Axes<bool>,
     replies: ReplyDecoder,
     to_send: VecDeque<u8>,
     progress: VecDeque<Progress>,
@@ -107,7 +108,7 @@ impl Lathe {
         Self {
             scale,
             blocks: settings.blocks as usize,
-            pull_off: 1.0,
+            pull_off: 0.0,
             hold: seconds(settings.hold_s),
             jog: seconds(settings.jog_s),
             mode: Mode::Stands,
@@ -123,7 +124,7 @@ impl Lathe {
             spindle: 0,
             told: 0,
             quiet_until: Instant::START,
-            ends: [false; 3],
+            ends: Axes::default(),
             replies: ReplyDecoder::default(),
             to_send: VecDeque::new(),
             progress: VecDeque::new(),
@@ -373,7 +374,7 @@ impl Lathe {
         self.to_send.extend(frame.emit());
         let tries = core::mem::take(&mut self.tries);
         self.flight = Some(Flight { way, since: now, tries, failed: false });
-        self.ends = [false; 3];
+        self.ends = Axes::default();
     }
 
     fn home_on(&mut self, now: Instant, homing: Homing) {
@@ -424,6 +425,10 @@ impl Lathe {
 }
 
 impl Machine for Lathe {
+    fn configure(&mut self, settings: &Settings) {
+        self.pull_off = f64::from(settings.pull_off());
+    }
+
     fn room(&self) -> usize {
         self.blocks - self.motions.len().min(self.blocks)
     }
@@ -432,7 +437,7 @@ impl Machine for Lathe {
         !self.motions.is_empty()
     }
 
-    fn push(&mut self, motion: Move) {
+    fn push(&mut self, _: Instant, motion: Move) {
         self.motions.push_back(motion);
     }
 
@@ -460,7 +465,8 @@ impl Machine for Lathe {
         self.replan();
     }
 
-    fn home(&mut self, now: Instant) {
+    /// Always both of them: there is no `$HX`.
+    fn home(&mut self, now: Instant, _: Axes<bool>) {
         self.mode = Mode::Homes(Homing::Seek(X));
         self.step(now);
     }
@@ -477,12 +483,12 @@ impl Machine for Lathe {
         self.overrides = overrides;
     }
 
-    fn position(&self, now: Instant) -> [i32; 3] {
+    fn position(&self, now: Instant) -> Axes<i32> {
         let moved = self.moved(now);
         let sign = |axis: usize| if self.mm_per_step(axis) < 0.0 { -1 } else { 1 };
         let x = (self.at.slot + i64::from(moved.slots) - self.zero[0]) * sign(X);
         let z = (self.at.count + i64::from(moved.counts) - self.zero[1]) * sign(Z);
-        [x as i32, 0, z as i32]
+        [x as i32, 0, z as i32, 0]
     }
 
     fn rate(&self, _: Instant) -> f32 {
@@ -494,7 +500,7 @@ impl Machine for Lathe {
         }
     }
 
-    fn ends(&self) -> [bool; 3] {
+    fn ends(&self) -> Axes<bool> {
         self.ends
     }
 

@@ -2,8 +2,8 @@
 
 use core::f64::consts::TAU;
 
+use crate::axes::Axes;
 use crate::code::Code;
-use crate::memory::Axes;
 use crate::path::{Line, Rate};
 
 /// A turn that is less than this, rad, is a full one.
@@ -20,8 +20,8 @@ const RADII_SHARE: f32 = 0.001;
 pub(crate) struct Arc {
     from: Axes,
     to: Axes,
-    /// The plane's axes, and the one across it.
-    axes: [usize; 3],
+    /// The plane's axes.
+    plane: [usize; 2],
     /// From the start to the centre.
     offset: [f32; 2],
     /// Counterclockwise, rad.
@@ -58,13 +58,13 @@ impl Arc {
     pub(crate) fn new(
         from: Axes,
         to: Axes,
-        axes: [usize; 3],
+        plane: [usize; 2],
         offset: [f32; 2],
         clockwise: bool,
         tolerance: f32,
         rate: Rate,
     ) -> Self {
-        let [a, b, _] = axes;
+        let [a, b] = plane;
         let start = offset.map(|offset| -f64::from(offset));
         let end = [f64::from(to[a] - from[a]) + start[0], f64::from(to[b] - from[b]) + start[1]];
         let mut turn = libm::atan2(start[0] * end[1] - start[1] * end[0], start[0] * end[0] + start[1] * end[1]);
@@ -82,7 +82,7 @@ impl Arc {
             Rate::PerMinute(per_minute) => Rate::PerMinute(per_minute * lines as f32),
             rate => rate,
         };
-        Self { from, to, axes, offset, turn, lines, done: 0, rate }
+        Self { from, to, plane, offset, turn, lines, done: 0, rate }
     }
 }
 
@@ -100,11 +100,14 @@ impl Iterator for Arc {
         let share = f64::from(self.done) / f64::from(self.lines);
         let (sin, cos) = libm::sincos(self.turn * share);
         let [i, j] = self.offset.map(f64::from);
-        let [a, b, across] = self.axes;
-        let mut to = self.from;
-        to[a] += (i - i * cos + j * sin) as f32;
-        to[b] += (j - i * sin - j * cos) as f32;
-        to[across] += (f64::from(self.to[across] - self.from[across]) * share) as f32;
+        let [a, b] = self.plane;
+        // Every other axis goes evenly.
+        let mut to = core::array::from_fn(|axis| {
+            let (from, to) = (self.from[axis], self.to[axis]);
+            from + (f64::from(to - from) * share) as f32
+        });
+        to[a] = self.from[a] + (i - i * cos + j * sin) as f32;
+        to[b] = self.from[b] + (j - i * sin - j * cos) as f32;
         Some(Line { to, rate: self.rate })
     }
 }
@@ -113,22 +116,24 @@ impl Iterator for Arc {
 mod tests {
     use super::*;
 
-    const XY: [usize; 3] = [0, 1, 2];
+    const XY: [usize; 2] = [0, 1];
 
     #[test]
     fn the_lines_of_an_arc_lie_on_it() {
-        let arc = Arc::new([10.0, 0.0, 0.0], [0.0, 10.0, 4.0], XY, [-10.0, 0.0], false, 0.002, Rate::Rapid);
+        let arc = Arc::new([10.0, 0.0, 0.0, 0.0], [0.0, 10.0, 4.0, 90.0], XY, [-10.0, 0.0], false, 0.002, Rate::Rapid);
         let places: Vec<Axes> = arc.map(|line| line.to).collect();
         assert_eq!(places.len(), 39);
-        assert!(places.iter().all(|[x, y, _]| (libm::hypotf(*x, *y) - 10.0).abs() < 1e-5));
+        assert!(places.iter().all(|[x, y, ..]| (libm::hypotf(*x, *y) - 10.0).abs() < 1e-5));
         assert!(places.windows(2).all(|two| two[1][1] > two[0][1] && two[1][2] > two[0][2]));
-        assert_eq!(places.last(), Some(&[0.0, 10.0, 4.0]));
+        assert!(places.iter().all(|[.., z, a]| (a / z - 22.5).abs() < 1e-4));
+        assert_eq!(places.last(), Some(&[0.0, 10.0, 4.0, 90.0]));
     }
 
     #[test]
     fn an_arc_that_ends_where_it_starts_is_a_full_turn() {
         let places = |clockwise| {
-            let arc = Arc::new([1.0, 0.0, 0.0], [1.0, 0.0, 0.0], XY, [-1.0, 0.0], clockwise, 0.002, Rate::Rapid);
+            let arc =
+                Arc::new([1.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], XY, [-1.0, 0.0], clockwise, 0.002, Rate::Rapid);
             arc.map(|line| line.to).collect::<Vec<_>>()
         };
         assert!(places(true)[0][1] < 0.0 && places(false)[0][1] > 0.0);

@@ -3,8 +3,9 @@
 use std::collections::VecDeque;
 
 use crate::arc::{self, Arc};
+use crate::axes::{A, Axes, LETTERS, MOST, Z};
 use crate::code::Code;
-use crate::memory::{Axes, Memory, SYSTEMS};
+use crate::memory::{Memory, SYSTEMS};
 use crate::modal::{Modal, Motion, Spindle};
 use crate::path::{Line, Rate};
 use crate::steps::Step;
@@ -13,7 +14,6 @@ use crate::words::{AxisCommand, Flow, Once, Words};
 const MM_PER_INCH: f32 = 25.4;
 /// The largest number of a line.
 const LINE_MOST: i64 = 10_000_000;
-const Z: usize = 2;
 /// G10: as L words.
 const L_ORIGIN: u8 = 2;
 const L_PLACE: u8 = 20;
@@ -21,10 +21,15 @@ const L_PLACE: u8 = 20;
 /// What a machine can do. Where it cannot, torno answers with the firmware's code that comes nearest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Abilities {
-    /// Which of X, Y, Z can move. A motion of another one is refused with `error:33`.
-    pub axes: [bool; 3],
+    /// Which axes can move. A motion of another one is refused with `error:33`.
+    pub axes: Axes<bool>,
     /// Whether the spindle can turn both ways. If not, M4 is refused with `error:20`.
     pub counterclockwise: bool,
+    /// Whether `$HX` looks for the end of one axis: an option of the firmware's build. If not, it is `error:3`.
+    pub single_homing: bool,
+    /// Whether a hold takes seconds. A `~` that comes before the machine stands is remembered then; the firmware,
+    /// where it takes milliseconds, forgets it.
+    pub holds_slowly: bool,
 }
 
 /// What a block is read with.
@@ -45,7 +50,7 @@ pub(crate) struct Block {
 
 /// Reads a block; the words of a jog, if it is one. The first fault counts.
 pub(crate) fn read(text: &[u8], is_jog: bool, context: Context<'_>) -> Result<Block, Code> {
-    let mut words = Words::read(text)?;
+    let mut words = Words::read(text, context.memory.settings.axes)?;
     if is_jog {
         words.motion = words.motion.or(Some(Motion::Linear));
         words.inverse_time = words.inverse_time.or(Some(false));
@@ -99,6 +104,12 @@ impl<'a> Reader<'a> {
         if self.now.inches { value * MM_PER_INCH } else { value }
     }
 
+    /// The word of an axis: mm, of A degrees.
+    fn axis_value(&self, axis: usize) -> f32 {
+        let value = self.words.axis_values[axis];
+        if axis == A { value } else { self.length(value) }
+    }
+
     fn check(&mut self) -> Result<Checked, Code> {
         if self.words.has(b'N') && self.words.n > LINE_MOST {
             return Err(Code::InvalidLineNumber);
@@ -113,12 +124,10 @@ impl<'a> Reader<'a> {
             }
             self.words.used(b"P");
         }
-        if self.words.tool_length == Some(true)
-            && [0, 1, 2].map(|axis| self.words.has_axis(axis)) != [false, false, true]
-        {
+        if self.words.tool_length == Some(true) && !self.words.named_axes().eq([Z]) {
             return Err(Code::ToolLengthAxis);
         }
-        let mut checked = Checked { target: self.before.position, system: (0, [0.0; 3]), offset: [0.0; 2] };
+        let mut checked = Checked { target: self.before.position, system: (0, [0.0; MOST]), offset: [0.0; 2] };
         match self.words.once {
             Some(Once::SetSystem) => checked.system = self.system()?,
             Some(Once::Shift) if !self.words.has_axes() => return Err(Code::NoAxisWords),
@@ -134,7 +143,7 @@ impl<'a> Reader<'a> {
         }
         self.words.used(if self.is_jog { b"NF" } else { b"NFST" });
         if self.axis_command.is_some() {
-            self.words.used(b"XYZ");
+            self.words.used(&LETTERS);
         }
         if self.words.has_unused() {
             return Err(Code::UnusedWords);
@@ -187,12 +196,9 @@ impl<'a> Reader<'a> {
             number => usize::from(number) - 1,
         };
         let mut origin = self.memory.systems[system];
-        for axis in (0..3).filter(|axis| self.words.has_axis(*axis)) {
-            origin[axis] = if relative {
-                self.origin_for(axis, self.before.shift[axis])
-            } else {
-                self.length(self.words.xyz[axis])
-            };
+        for axis in self.words.named_axes() {
+            origin[axis] =
+                if relative { self.origin_for(axis, self.before.shift[axis]) } else { self.axis_value(axis) };
         }
         Ok((system, origin))
     }
@@ -200,13 +206,13 @@ impl<'a> Reader<'a> {
     /// What has to be added to `other` so that the axis's word is the present place.
     fn origin_for(&self, axis: usize, other: f32) -> f32 {
         let lengthened = if axis == Z { self.before.tool_length } else { 0.0 };
-        self.before.position[axis] - other - self.length(self.words.xyz[axis]) - lengthened
+        self.before.position[axis] - other - self.axis_value(axis) - lengthened
     }
 
     /// G92: the shift that makes the words the present place.
     fn shift(&self) -> Axes {
         let mut shift = self.before.shift;
-        for axis in (0..3).filter(|axis| self.words.has_axis(*axis)) {
+        for axis in self.words.named_axes() {
             shift[axis] = self.origin_for(axis, self.memory.systems[self.now.system][axis]);
         }
         shift
@@ -217,8 +223,8 @@ impl<'a> Reader<'a> {
         let mut target = self.before.position;
         if self.axis_command != Some(AxisCommand::ToolLength) {
             let origin = self.now.origin(&self.memory.systems);
-            for axis in (0..3).filter(|axis| self.words.has_axis(*axis)) {
-                let value = self.length(self.words.xyz[axis]);
+            for axis in self.words.named_axes() {
+                let value = self.axis_value(axis);
                 target[axis] = match (self.words.once, self.now.incremental) {
                     (Some(Once::Machine), _) => value,
                     (_, false) => value + origin[axis],
@@ -260,13 +266,13 @@ impl<'a> Reader<'a> {
 
     /// Whether the machine can go there.
     fn check_axes(&self, target: Axes) -> Result<(), Code> {
-        let fixed = (0..3).filter(|axis| !self.abilities.axes[*axis]);
+        let fixed = (0..MOST).filter(|axis| !self.abilities.axes[*axis]);
         let mut moved = fixed.filter(|axis| target[*axis] != self.before.position[*axis]);
         moved.next().map_or(Ok(()), |_| Err(Code::InvalidTarget))
     }
 
     fn arc(&mut self, target: Axes, clockwise: bool) -> Result<[f32; 2], Code> {
-        let [a, b, _] = self.now.plane_axes();
+        let [a, b] = self.now.plane_axes();
         if !self.words.has_axes() {
             return Err(Code::NoAxisWords);
         }
@@ -326,10 +332,10 @@ impl<'a> Reader<'a> {
             steps.push_back(Step::Dwell { seconds: words.p });
         }
         if let Some(lengthens) = words.tool_length {
-            self.now.tool_length = if lengthens { self.length(words.xyz[Z]) } else { 0.0 };
+            self.now.tool_length = if lengthens { self.axis_value(Z) } else { 0.0 };
         }
         if words.once == Some(Once::ResetShift) {
-            self.now.shift = [0.0; 3];
+            self.now.shift = [0.0; MOST];
         }
         let origin = |modal: &Modal| modal.origin(&self.memory.systems);
         let moved = before.system != self.now.system || origin(before) != origin(&self.now);
@@ -374,7 +380,7 @@ impl<'a> Reader<'a> {
                 }
                 let mut place = self.memory.homes[home];
                 if self.words.has_axes() {
-                    for axis in (0..3).filter(|axis| !self.words.has_axis(*axis)) {
+                    for axis in (0..MOST).filter(|axis| !self.words.has_axis(*axis)) {
                         place[axis] = self.before.position[axis];
                     }
                 }
@@ -394,8 +400,8 @@ impl<'a> Reader<'a> {
             Motion::Linear => Step::Line(Line { to, rate: feed }),
             Motion::Arc { clockwise } => {
                 let tolerance = self.memory.settings.arc_tolerance();
-                let axes = self.now.plane_axes();
-                Step::Arc(Arc::new(self.before.position, to, axes, checked.offset, clockwise, tolerance, feed))
+                let plane = self.now.plane_axes();
+                Step::Arc(Arc::new(self.before.position, to, plane, checked.offset, clockwise, tolerance, feed))
             }
             Motion::Probe(probe) => Step::Probe { probe, line: Line { to, rate: feed } },
         });

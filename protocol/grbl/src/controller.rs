@@ -4,12 +4,13 @@ use std::collections::VecDeque;
 
 use torno_protocol::time::{Instant, Span};
 
+use crate::axes::{Axes, MOST};
 use crate::block::Abilities;
 use crate::code::{Alarm, Code};
 use crate::execution::{Answer, Execution, Wait};
 use crate::line::LineReader;
 use crate::machine::{Machine, Overrides, Progress};
-use crate::memory::{Axes, Memory};
+use crate::memory::Memory;
 use crate::modal::{Modal, Spindle};
 use crate::realtime::{Fate, Override, Realtime, fate};
 use crate::report::{self, Cadence, Status, message};
@@ -40,6 +41,17 @@ enum Suspended {
     Restoring(Instant),
 }
 
+/// What looks for its end.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Homing {
+    #[default]
+    No,
+    /// `$HX`
+    One,
+    /// `$H`: startup lines follow.
+    All,
+}
+
 /// A controller with the machine that it moves.
 #[derive(Clone, Debug)]
 pub struct Controller<M> {
@@ -59,7 +71,7 @@ pub struct Controller<M> {
     /// Startup lines still to be done.
     startup: VecDeque<String>,
     execution: Option<Execution>,
-    homing: bool,
+    homing: Homing,
     /// `$H` is done and not answered yet: startup lines come first.
     homed: bool,
     /// `$SLP` after its `ok`.
@@ -83,7 +95,8 @@ pub struct Controller<M> {
 
 impl<M: Machine> Controller<M> {
     /// A controller without power.
-    pub fn new(memory: Memory, abilities: Abilities, machine: M) -> Self {
+    pub fn new(memory: Memory, abilities: Abilities, mut machine: M) -> Self {
+        machine.configure(&memory.settings);
         Self {
             machine,
             abilities,
@@ -98,7 +111,7 @@ impl<M: Machine> Controller<M> {
             reader: LineReader::default(),
             startup: VecDeque::new(),
             execution: None,
-            homing: false,
+            homing: Homing::No,
             homed: false,
             sleeps: false,
             resets: false,
@@ -110,7 +123,7 @@ impl<M: Machine> Controller<M> {
             rpm: 0.0,
             flood: false,
             spindle_stopped: false,
-            probed: [0.0; 3],
+            probed: [0.0; MOST],
         }
     }
 
@@ -196,7 +209,7 @@ impl<M: Machine> Controller<M> {
             if self.asked {
                 self.asked = false;
                 self.status(now);
-            } else if self.suspended != Suspended::No || self.state == State::Sleep || self.homing {
+            } else if self.suspended != Suspended::No || self.state == State::Sleep || self.homing != Homing::No {
                 return;
             } else if self.sleeps {
                 self.sleep(now);
@@ -260,7 +273,7 @@ impl<M: Machine> Controller<M> {
         self.overrides = Overrides::default();
         self.cadence = Cadence::default();
         self.spindle_stopped = false;
-        self.probed = [0.0; 3];
+        self.probed = [0.0; MOST];
         self.modal = Modal { position: self.place(now), ..Modal::default() };
         self.drive_spindle(now, Spindle::Off, 0.0);
         self.flood = false;
@@ -281,10 +294,17 @@ impl<M: Machine> Controller<M> {
     /// 0x18, and what is like it.
     fn reset(&mut self, now: Instant) {
         let moving = matches!(self.state, State::Run | State::Jog) || self.suspended == Suspended::Stopping;
-        if self.homing {
+        if self.homing != Homing::No && !self.dead {
             self.alarm(Alarm::HomingReset);
         } else if moving || self.suspended == Suspended::JogCancel {
             self.alarm(Alarm::Aborted);
+        }
+        // What was being done is over, and answered.
+        if let Some(execution) = self.execution.take() {
+            self.finish(execution.answer, Ok(()));
+        }
+        if self.homing != Homing::No || self.homed {
+            self.answer(Ok(()));
         }
         self.restart(now);
     }
@@ -295,7 +315,7 @@ impl<M: Machine> Controller<M> {
         core::array::from_fn(|axis| steps[axis] as f32 / self.memory.settings.steps_per_mm[axis])
     }
 
-    fn steps(&self, place: Axes) -> [i32; 3] {
+    fn steps(&self, place: Axes) -> Axes<i32> {
         core::array::from_fn(|axis| libm::roundf(place[axis] * self.memory.settings.steps_per_mm[axis]) as i32)
     }
 
@@ -422,8 +442,7 @@ impl<M: Machine> Controller<M> {
                 }
                 self.start(now);
             }
-            // The firmware forgets it, but there a hold takes milliseconds.
-            (State::Hold, Suspended::Stopping) => self.resumes = true,
+            (State::Hold, Suspended::Stopping) => self.resumes = self.abilities.holds_slowly,
             (State::Idle, _) => self.start(now),
             _ => {}
         }
@@ -486,17 +505,22 @@ impl<M: Machine> Controller<M> {
 
     fn progress(&mut self, now: Instant, progress: Progress) {
         match (progress, self.suspended) {
+            // A reset asks for the position.
+            _ if self.dead => {}
             (Progress::Failed(alarm), _) => {
-                self.homing = false;
-                self.execution = None;
                 self.machine.forget(now);
+                self.modal.position = self.place(now);
                 self.alarm(alarm);
+                if !self.dead {
+                    self.give_up();
+                }
             }
             (Progress::Homed, _) => {
-                self.homing = false;
                 self.state = State::Idle;
                 self.modal.position = self.place(now);
-                self.start_up();
+                if core::mem::take(&mut self.homing) == Homing::All {
+                    self.start_up();
+                }
                 self.homed = true;
             }
             (Progress::Finished | Progress::Held, Suspended::JogCancel) => {
@@ -532,6 +556,17 @@ impl<M: Machine> Controller<M> {
                 }
             }
             (Progress::Held, _) => {}
+            (Progress::Message(message), _) => self.tell(&message),
+        }
+    }
+
+    /// The machine has failed: what was being done is not.
+    fn give_up(&mut self) {
+        if let Some(execution) = self.execution.take() {
+            self.finish(execution.answer, Err(Code::Locked));
+        }
+        if core::mem::take(&mut self.homing) != Homing::No {
+            self.answer(Err(Code::Locked));
         }
     }
 

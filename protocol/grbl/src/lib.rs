@@ -3,6 +3,7 @@
 //! It answers as the firmware 1.1h (20190830) does, line for line. It knows no clock and does no I/O; what moves is a
 //! [`Machine`](machine::Machine).
 
+pub mod axes;
 pub mod code;
 pub mod controller;
 pub mod machine;
@@ -23,6 +24,7 @@ mod steps;
 mod system;
 mod words;
 
+pub use axes::Axes;
 pub use block::Abilities;
 pub use modal::Spindle;
 pub use path::Rate;

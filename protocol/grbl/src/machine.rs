@@ -2,8 +2,9 @@
 
 use torno_protocol::time::Instant;
 
+use crate::axes::Axes;
 use crate::code::Alarm;
-use crate::memory::Axes;
+use crate::memory::Settings;
 use crate::modal::Spindle;
 use crate::path::Rate;
 
@@ -11,8 +12,8 @@ use crate::path::Rate;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Move {
     /// Where it ends, in whole steps from the machine's zero.
-    pub to: [i32; 3],
-    /// The same as it was asked for, mm.
+    pub to: Axes<i32>,
+    /// The same as it was asked for: mm, of A degrees.
     pub place: Axes,
     /// How fast it goes.
     pub rate: Rate,
@@ -36,7 +37,7 @@ impl Default for Overrides {
 }
 
 /// What has become of the motions.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Progress {
     /// All of them are done.
     Finished,
@@ -46,18 +47,24 @@ pub enum Progress {
     Homed,
     /// It cannot go on.
     Failed(Alarm),
+    /// What the operator is to know: `[MSG:…]`. It must not hold `ok` or `error`: there are senders that take any
+    /// line with these letters for the answer to theirs.
+    Message(String),
 }
 
 /// What moves.
 pub trait Machine {
+    /// The settings from now on. Called before anything else, and whenever one is stored or restored.
+    fn configure(&mut self, _settings: &Settings) {}
+
     /// How many more motions it can take.
     fn room(&self) -> usize;
 
     /// Whether it has motions left.
     fn has_motions(&self) -> bool;
 
-    /// Takes a motion, to be done after the others.
-    fn push(&mut self, motion: Move);
+    /// Takes a motion, to be done after the others, which may be under way. One that goes nowhere may be left out.
+    fn push(&mut self, now: Instant, motion: Move);
 
     /// What the operator has to know of a motion that it cannot do as asked.
     fn remark(&self, _motion: &Move) -> Option<String> {
@@ -67,14 +74,16 @@ pub trait Machine {
     /// Starts, or goes on.
     fn start(&mut self, now: Instant, overrides: Overrides);
 
-    /// Stops as soon as it can, and says when it stands. Called only while it moves.
+    /// Stops as soon as it can, and says when it stands. Called only while it moves. The motions that are left stay,
+    /// and so does the rest of the one that it has stopped.
     fn hold(&mut self, now: Instant);
 
-    /// Forgets its motions. One that it cannot stop goes on by itself.
+    /// Forgets its motions and stops at once, or stands already. One that it cannot stop goes on by itself; it says
+    /// when it is done.
     fn forget(&mut self, now: Instant);
 
-    /// Looks for the ends of its axes.
-    fn home(&mut self, now: Instant);
+    /// Looks for the ends of these axes: of all for `$H`, of one for `$HX`.
+    fn home(&mut self, now: Instant, axes: Axes<bool>);
 
     /// The spindle from now on: its sense and its speed, rpm.
     fn spindle(&mut self, now: Instant, sense: Spindle, rpm: f32);
@@ -83,13 +92,13 @@ pub trait Machine {
     fn override_by(&mut self, now: Instant, overrides: Overrides);
 
     /// Where it is, in steps.
-    fn position(&self, now: Instant) -> [i32; 3];
+    fn position(&self, now: Instant) -> Axes<i32>;
 
     /// How fast it moves, mm a minute.
     fn rate(&self, now: Instant) -> f32;
 
     /// Which axes are at an end.
-    fn ends(&self) -> [bool; 3];
+    fn ends(&self) -> Axes<bool>;
 
     /// What has happened, one after the other.
     fn poll_progress(&mut self) -> Option<Progress>;

@@ -1,25 +1,26 @@
 //! What outlives a reset: the firmware's EEPROM.
 
-/// X, Y, Z in mm, or something for each of them.
-pub type Axes = [f32; 3];
+use crate::axes::{self, Axes};
 
 /// How many coordinate systems there are: G54 to G59.
 pub(crate) const SYSTEMS: usize = 6;
 
-/// The settings, `$0` to `$132`, in the units that they are printed in.
+/// The settings, `$0` to `$132`, in the units that they are printed in; to `$133` with an A axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
+    /// How many axes there are.
+    pub(crate) axes: usize,
     /// `$0` to `$6`, `$10`, `$13`, `$20` to `$23`, `$26`, `$32`: whole numbers. In the order of [`WHOLE`].
     pub(crate) whole: [u8; WHOLE.len()],
     /// `$11`, `$12`, `$24`, `$25`, `$27`, `$30`, `$31`. In the order of [`REAL`].
     pub(crate) real: [f32; REAL.len()],
-    /// `$100` to `$102`: steps a mm.
+    /// `$100` to `$103`: steps a mm, of A a degree.
     pub steps_per_mm: Axes,
-    /// `$110` to `$112`: mm a minute.
+    /// `$110` to `$113`: mm a minute.
     pub max_rate: Axes,
-    /// `$120` to `$122`: mm/s².
+    /// `$120` to `$123`: mm/s².
     pub acceleration: Axes,
-    /// `$130` to `$132`: mm.
+    /// `$130` to `$133`: mm.
     pub max_travel: Axes,
 }
 
@@ -49,13 +50,21 @@ pub(crate) const REAL: [(u8, f32, usize); 7] =
 impl Default for Settings {
     fn default() -> Self {
         Self {
+            axes: 3,
             whole: WHOLE.map(|(_, default)| default),
             real: REAL.map(|(_, default, _)| default),
-            steps_per_mm: [250.0; 3],
-            max_rate: [500.0; 3],
-            acceleration: [10.0; 3],
-            max_travel: [200.0; 3],
+            steps_per_mm: [250.0; axes::MOST],
+            max_rate: [500.0; axes::MOST],
+            acceleration: [10.0; axes::MOST],
+            max_travel: [200.0; axes::MOST],
         }
+    }
+}
+
+impl Settings {
+    /// The defaults of a firmware for X, Y, Z and A.
+    pub fn with_a() -> Self {
+        Self { axes: axes::MOST, ..Self::default() }
     }
 }
 

@@ -1,6 +1,7 @@
 //! What stays in force from one block to the next.
 
-use crate::memory::{Axes, SYSTEMS};
+use crate::axes::{Axes, Z};
+use crate::memory::SYSTEMS;
 
 /// The group of motions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -70,19 +71,20 @@ pub(crate) struct Modal {
 }
 
 impl Modal {
-    /// The axes of the plane, in the order that makes a counterclockwise turn positive, and the one across it.
-    pub(crate) const fn plane_axes(&self) -> [usize; 3] {
+    /// The axes of the plane, in the order that makes a counterclockwise turn positive.
+    pub(crate) const fn plane_axes(&self) -> [usize; 2] {
         match self.plane {
-            0 => [0, 1, 2],
-            1 => [2, 0, 1],
-            _ => [1, 2, 0],
+            0 => [0, 1],
+            1 => [2, 0],
+            _ => [1, 2],
         }
     }
 
     /// The program's origin in machine coordinates.
     pub(crate) fn origin(&self, systems: &[Axes; SYSTEMS]) -> Axes {
-        let [x, y, z] = systems[self.system.min(SYSTEMS - 1)];
-        let [dx, dy, dz] = self.shift;
-        [x + dx, y + dy, z + dz + self.tool_length]
+        let system = systems[self.system.min(SYSTEMS - 1)];
+        let mut origin = core::array::from_fn(|axis| system[axis] + self.shift[axis]);
+        origin[Z] += self.tool_length;
+        origin
     }
 }

@@ -1,6 +1,6 @@
 //! Straight motions, as blocks ask for them.
 
-use crate::memory::Axes;
+use crate::axes::Axes;
 
 /// How fast a motion goes.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,7 +1,8 @@
 //! What the firmware says.
 
+use crate::axes::{A, Axes, LETTERS};
 use crate::machine::Overrides;
-use crate::memory::{Axes, Memory, SYSTEMS, Settings};
+use crate::memory::{Memory, SYSTEMS, Settings};
 use crate::modal::{Modal, Motion, Spindle};
 use crate::number;
 use crate::state::State;
@@ -32,19 +33,23 @@ pub(crate) mod message {
 #[derive(Clone, Copy)]
 struct Units {
     inches: bool,
+    axes: usize,
 }
 
 impl Units {
     fn of(settings: &Settings) -> Self {
-        Self { inches: settings.reports_inches() }
+        Self { inches: settings.reports_inches(), axes: settings.axes }
     }
 
     fn length(self, mm: f32) -> String {
         if self.inches { number::print(mm * INCH_PER_MM, 4) } else { number::print(mm, 3) }
     }
 
+    /// One for each axis; A is in degrees.
     fn axes(self, axes: Axes) -> String {
-        axes.map(|mm| self.length(mm)).join(",")
+        let each = axes.iter().take(self.axes).enumerate();
+        let each = each.map(|(axis, value)| if axis == A { number::print(*value, 3) } else { self.length(*value) });
+        each.collect::<Vec<_>>().join(",")
     }
 
     fn rate(self, mm_per_min: f32) -> String {
@@ -99,8 +104,9 @@ pub(crate) fn probed(place: Axes, settings: &Settings) -> String {
 }
 
 /// `$I`
-pub(crate) fn info(memory: &Memory, planner: usize, receive: usize) -> [String; 2] {
-    [format!("[VER:1.1h.20190830:{}]", memory.info), format!("[OPT:V,{planner},{receive}]")]
+pub(crate) fn info(memory: &Memory, single_homing: bool, planner: usize, receive: usize) -> [String; 2] {
+    let options = if single_homing { "VH" } else { "V" };
+    [format!("[VER:1.1h.20190830:{}]", memory.info), format!("[OPT:{options},{planner},{receive}]")]
 }
 
 /// What a status shows of the moment.
@@ -121,7 +127,7 @@ pub(crate) struct Status<'a> {
     pub(crate) speed: f32,
     pub(crate) spindle: Spindle,
     pub(crate) flood: bool,
-    pub(crate) ends: [bool; 3],
+    pub(crate) ends: Axes<bool>,
     pub(crate) overrides: Overrides,
 }
 
@@ -186,16 +192,16 @@ impl Status<'_> {
         parts.push(if self.settings.shows_machine_position() {
             format!("MPos:{}", units.axes(self.position))
         } else {
-            let [x, y, z] = self.position;
-            let [dx, dy, dz] = self.origin;
-            format!("WPos:{}", units.axes([x - dx, y - dy, z - dz]))
+            let program = core::array::from_fn(|axis| self.position[axis] - self.origin[axis]);
+            format!("WPos:{}", units.axes(program))
         });
         if self.settings.shows_buffers() {
             parts.push(format!("Bf:{},{}", self.room.0, self.room.1));
         }
         let rate = if busy { self.rate } else { 0.0 };
         parts.push(format!("FS:{},{}", units.rate(rate), number::print(self.speed, 0)));
-        let ends: String = "XYZ".chars().zip(self.ends).filter(|(_, end)| *end).map(|(axis, _)| axis).collect();
+        let ends = LETTERS.iter().zip(self.ends).filter(|(_, end)| *end);
+        let ends: String = ends.map(|(axis, _)| char::from(*axis)).collect();
         if !ends.is_empty() {
             parts.push(format!("Pn:{ends}"));
         }

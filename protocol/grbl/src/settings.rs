@@ -1,7 +1,8 @@
 //! The settings by their numbers.
 
+use crate::axes::Axes;
 use crate::code::Code;
-use crate::memory::{Axes, REAL, Settings, WHOLE};
+use crate::memory::{REAL, Settings, WHOLE};
 use crate::number;
 
 /// `$10`: what a status shows.
@@ -59,9 +60,29 @@ impl Settings {
         self.whole(HOMING) != 0
     }
 
-    /// mm.
-    pub(crate) fn arc_tolerance(&self) -> f32 {
+    /// `$11`: mm.
+    pub fn junction_deviation(&self) -> f32 {
+        self.real(11)
+    }
+
+    /// `$12`: mm.
+    pub fn arc_tolerance(&self) -> f32 {
         self.real(12)
+    }
+
+    /// `$23`: towards which end each axis homes: whether it is the negative one.
+    pub fn homes_negative(&self) -> Axes<bool> {
+        core::array::from_fn(|axis| self.whole(23) >> axis & 1 != 0)
+    }
+
+    /// `$24` and `$25`: how fast an end is found exactly, and looked for, mm a minute.
+    pub fn homing_rates(&self) -> (f32, f32) {
+        (self.real(24), self.real(25))
+    }
+
+    /// `$27`: how far a homed axis goes back, mm.
+    pub fn pull_off(&self) -> f32 {
+        self.real(27)
     }
 
     /// The spindle's fastest and slowest, rpm.
@@ -88,7 +109,7 @@ impl Settings {
                 3 => &mut self.max_travel,
                 _ => return Err(Code::InvalidStatement),
             };
-            *axes.get_mut(axis).ok_or(Code::InvalidStatement)? = value;
+            *axes[..self.axes].get_mut(axis).ok_or(Code::InvalidStatement)? = value;
             return Ok(());
         }
         if self.set_real(number, value) {
@@ -117,7 +138,7 @@ impl Settings {
         let real = real.map(|((number, _, decimals), value)| (*number, number::print(value, *decimals)));
         let axes = [(100, self.steps_per_mm), (110, self.max_rate), (120, self.acceleration), (130, self.max_travel)];
         let axes = axes.iter().flat_map(|(first, values)| {
-            (*first..).zip(values).map(|(number, value)| (number, number::print(*value, 3)))
+            (*first..).zip(values).take(self.axes).map(|(number, value)| (number, number::print(*value, 3)))
         });
         let mut all: Vec<(u8, String)> = whole.chain(real).chain(axes).collect();
         all.sort();

@@ -1,7 +1,7 @@
 //! What a block does, step by step.
 
 use crate::arc::Arc;
-use crate::memory::Axes;
+use crate::axes::Axes;
 use crate::modal::{Probe, Spindle};
 use crate::path::Line;
 

@@ -13,9 +13,9 @@ pub(crate) enum Command {
     Check,
     Unlock,
     Places,
-    /// And whether nothing follows it.
+    /// And what follows it: nothing, or the letter of an axis.
     Home {
-        alone: bool,
+        axis: Vec<u8>,
     },
     Sleep,
     Info,
@@ -57,7 +57,7 @@ pub(crate) fn read(text: &[u8], state: State) -> Result<Command, Code> {
         [b'J' | b'$' | b'G' | b'C' | b'X', ..] => Err(Code::InvalidStatement),
         _ if !rests => Err(Code::NotIdle),
         [b'#'] => Ok(Command::Places),
-        [b'H', rest @ ..] => Ok(Command::Home { alone: rest.is_empty() }),
+        [b'H', axis @ ..] => Ok(Command::Home { axis: axis.to_vec() }),
         [b'S', b'L', b'P'] => Ok(Command::Sleep),
         [b'I'] => Ok(Command::Info),
         [b'I', b'=', info @ ..] => Ok(Command::StoreInfo(String::from_utf8_lossy(info).into_owned())),

@@ -1,7 +1,7 @@
 //! The words of a block, and what the firmware says of them one by one.
 
+use crate::axes::{self, Axes};
 use crate::code::Code;
-use crate::memory::Axes;
 use crate::modal::{Motion, Probe, Spindle};
 use crate::number;
 
@@ -74,7 +74,7 @@ pub(crate) struct Words {
     /// The letters of the value words that nothing has used yet, as bits from A on.
     letters: u32,
     /// Which axes are named.
-    axes: [bool; 3],
+    axes: Axes<bool>,
     pub(crate) axis_command: Option<AxisCommand>,
     pub(crate) once: Option<Once>,
     pub(crate) motion: Option<Motion>,
@@ -89,19 +89,20 @@ pub(crate) struct Words {
     pub(crate) spindle: Option<Spindle>,
     pub(crate) flood: Option<bool>,
     pub(crate) f: f32,
-    pub(crate) ijk: Axes,
+    pub(crate) ijk: [f32; 3],
     pub(crate) l: u8,
     pub(crate) n: i64,
     pub(crate) p: f32,
     pub(crate) r: f32,
     pub(crate) s: f32,
     pub(crate) t: u8,
-    pub(crate) xyz: Axes,
+    /// Of the axes, in the units of the block.
+    pub(crate) axis_values: Axes,
 }
 
 impl Words {
-    /// Reads the words of a block. The first fault counts.
-    pub(crate) fn read(text: &[u8]) -> Result<Self, Code> {
+    /// Reads the words of a block for so many axes. The first fault counts.
+    pub(crate) fn read(text: &[u8], axes: usize) -> Result<Self, Code> {
         let mut words = Self::default();
         let mut rest = text;
         while let [letter, after @ ..] = rest {
@@ -116,7 +117,7 @@ impl Words {
             match letter {
                 b'G' => words.take_g(whole, hundredths)?,
                 b'M' => words.take_m(whole, hundredths)?,
-                letter => words.take_value(*letter, value, whole)?,
+                letter => words.take_value(*letter, value, whole, axes)?,
             }
         }
         Ok(words)
@@ -256,7 +257,8 @@ impl Words {
         self.take_group(group, 0)
     }
 
-    fn take_value(&mut self, letter: u8, value: f32, whole: u8) -> Result<(), Code> {
+    fn take_value(&mut self, letter: u8, value: f32, whole: u8, axes: usize) -> Result<(), Code> {
+        let axis = axes::of_letter(letter, axes);
         match letter {
             b'F' => self.f = value,
             b'I'..=b'K' => self.ijk[usize::from(letter - b'I')] = value,
@@ -267,8 +269,7 @@ impl Words {
             b'S' => self.s = value,
             b'T' if value > TOOL_MOST => return Err(Code::ToolTooLarge),
             b'T' => self.t = whole,
-            b'X'..=b'Z' => self.xyz[usize::from(letter - b'X')] = value,
-            _ => return Err(Code::UnsupportedCommand),
+            _ => self.axis_values[axis.ok_or(Code::UnsupportedCommand)?] = value,
         }
         let bit = bit(letter);
         if self.letters & bit != 0 {
@@ -278,8 +279,8 @@ impl Words {
             return Err(Code::NegativeValue);
         }
         self.letters |= bit;
-        if let b'X'..=b'Z' = letter {
-            self.axes[usize::from(letter - b'X')] = true;
+        if let Some(axis) = axis {
+            self.axes[axis] = true;
         }
         Ok(())
     }
@@ -304,9 +305,15 @@ impl Words {
         self.axes[axis]
     }
 
+    /// Which axes the block names.
+    pub(crate) fn named_axes(&self) -> impl Iterator<Item = usize> {
+        let named = self.axes;
+        (0..axes::MOST).filter(move |axis| named[*axis])
+    }
+
     /// Whether the block names any axis.
     pub(crate) const fn has_axes(&self) -> bool {
-        self.has_axis(0) || self.has_axis(1) || self.has_axis(2)
+        matches!(self.axes, [true, ..] | [_, true, ..] | [.., true, _] | [.., true])
     }
 
     /// Whether the block has commands that a jog must not have.

@@ -1,77 +1,87 @@
 //! What no transcript shows: holds, resets, overrides, full buffers, and any bytes at all.
 
-use common::Board;
+use common::{Board, LATHE};
 use proptest::prelude::*;
 use torno_grbl::controller::RECEIVE;
+use torno_grbl::memory::Settings;
 use torno_grbl::state::State;
 
 mod common;
 
-/// What it says to each, while the machine does nothing by itself.
-fn says(board: &mut Board, bytes: &[u8]) -> Vec<String> {
-    board.send(bytes);
-    board.heard()
-}
-
 #[test]
 fn a_hold_waits_for_the_machine_and_a_start_goes_on() {
     let mut board = Board::new();
-    assert_eq!(says(&mut board, b"G1X10F100\n"), ["ok"]);
+    assert_eq!(board.says(b"G1X10F100\n"), ["ok"]);
     assert_eq!(board.controller.state(), State::Run);
-    assert!(says(&mut board, b"!?")[0].starts_with("<Hold:1|"));
+    assert!(board.says(b"!?")[0].starts_with("<Hold:1|"));
     board.controller.machine_mut().stand();
-    assert!(says(&mut board, b"?")[0].starts_with("<Hold:0|"));
-    assert_eq!(says(&mut board, b"G4P0\n"), [""; 0], "nothing is read during a hold");
-    assert_eq!(says(&mut board, b"~"), [""; 0]);
+    assert!(board.says(b"?")[0].starts_with("<Hold:0|"));
+    assert_eq!(board.says(b"G4P0\n"), [""; 0], "nothing is read during a hold");
+    assert_eq!(board.says(b"~"), [""; 0]);
     assert_eq!(board.controller.state(), State::Run);
     assert_eq!(board.said(), ["ok"]);
 }
 
 #[test]
-fn a_start_before_it_stands_is_remembered() {
-    let mut board = Board::new();
-    says(&mut board, b"G1X10F100\n");
-    says(&mut board, b"!~");
-    assert_eq!(board.controller.state(), State::Hold);
-    board.controller.machine_mut().stand();
-    board.heard();
-    assert_eq!(board.controller.state(), State::Run);
+fn a_start_before_it_stands_is_remembered_where_that_takes_seconds() {
+    let after = |mut board: Board| {
+        board.says(b"G1X10F100\n!~");
+        assert_eq!(board.controller.state(), State::Hold);
+        board.controller.machine_mut().stand();
+        board.heard();
+        board.controller.state()
+    };
+    assert_eq!(after(Board::with(LATHE, Settings::default())), State::Run);
+    assert_eq!(after(Board::new()), State::Hold);
 }
 
 #[test]
 fn a_reset_in_motion_locks_and_one_at_rest_does_not() {
     let banner = ["", "Grbl 1.1h ['$' for help]"];
     let mut board = Board::new();
-    assert_eq!(says(&mut board, &[0x18]), banner);
-    says(&mut board, b"G1X10F100\n");
+    assert_eq!(board.says(&[0x18]), banner);
+    board.says(b"G1X10F100\n");
     let unlock = "[MSG:'$H'|'$X' to unlock]";
-    assert_eq!(says(&mut board, &[0x18]), ["ALARM:3", banner[0], banner[1], unlock]);
-    assert_eq!(says(&mut board, b"G0X0\n"), ["error:9"]);
-    assert_eq!(says(&mut board, b"$X\n"), ["[MSG:Caution: Unlocked]", "ok"]);
-    says(&mut board, b"!");
-    assert_eq!(says(&mut board, &[0x18]), banner, "it stood");
+    assert_eq!(board.says(&[0x18]), ["ALARM:3", banner[0], banner[1], unlock]);
+    assert_eq!(board.says(b"G0X0\n"), ["error:9"]);
+    assert_eq!(board.says(b"$X\n"), ["[MSG:Caution: Unlocked]", "ok"]);
+    board.says(b"!");
+    assert_eq!(board.says(&[0x18]), banner, "it stood");
+}
+
+/// What the firmware was doing is over, and it says so before it restarts.
+#[test]
+fn a_reset_answers_the_line_that_was_being_done() {
+    let banner = ["", "Grbl 1.1h ['$' for help]"];
+    let mut board = Board::new();
+    board.says(b"G4P2\nG4P2\n");
+    assert_eq!(board.says(&[0x18]), ["ok", banner[0], banner[1]], "the other line is discarded");
+    board.says(b"$22=1\n$H\n");
+    assert_eq!(board.says(&[0x18])[..3], ["ALARM:6", "ok", ""]);
+    board.says(b"$X\n$20=1\nG0X1\n");
+    assert_eq!(board.says(&[0x18])[..2], ["ok", ""], "a line beyond the soft limits, too");
 }
 
 #[test]
 fn a_jog_that_is_cancelled_leaves_the_position_where_it_stands() {
     let mut board = Board::new();
-    assert_eq!(says(&mut board, b"$J=X10F100\n"), ["ok"]);
+    assert_eq!(board.says(b"$J=X10F100\n"), ["ok"]);
     assert_eq!(board.controller.state(), State::Jog);
-    assert_eq!(says(&mut board, b"G0X1\n"), ["error:9"]);
-    says(&mut board, &[0x85]);
+    assert_eq!(board.says(b"G0X1\n"), ["error:9"]);
+    board.says(&[0x85]);
     board.controller.machine_mut().stand();
     board.heard();
     assert_eq!(board.controller.state(), State::Idle);
-    assert!(says(&mut board, b"G0X10\n?").iter().any(|line| line == "ok"));
+    assert!(board.says(b"G0X10\n?").iter().any(|line| line == "ok"));
 }
 
 #[test]
 fn overrides_are_shown_and_stay_in_their_ranges() {
     let mut board = Board::new();
-    says(&mut board, b"?");
+    board.says(b"?");
     let shown = |board: &mut Board, byte: u8, times: usize| {
-        says(board, &vec![byte; times]);
-        let status = says(board, b"?");
+        board.says(&vec![byte; times]);
+        let status = board.says(b"?");
         status[0].split('|').find_map(|part| part.strip_prefix("Ov:")).unwrap_or("").trim_end_matches('>').to_owned()
     };
     assert_eq!(shown(&mut board, 0x91, 1), "110,100,100");
@@ -86,32 +96,32 @@ fn overrides_are_shown_and_stay_in_their_ranges() {
 #[test]
 fn a_pause_waits_for_the_operator() {
     let mut board = Board::new();
-    assert_eq!(says(&mut board, b"M0\nG4P0\n"), [""; 0]);
+    assert_eq!(board.says(b"M0\nG4P0\n"), [""; 0]);
     assert_eq!(board.controller.state(), State::Hold);
-    assert_eq!(says(&mut board, b"~"), ["ok", "ok"]);
+    assert_eq!(board.says(b"~"), ["ok", "ok"]);
 }
 
 #[test]
 fn a_program_beyond_the_soft_limits_leaves_nothing_but_a_reset() {
     let mut board = Board::new();
     for line in ["$22=1\n", "$20=1\n"] {
-        assert_eq!(says(&mut board, line.as_bytes()), ["ok"]);
+        assert_eq!(board.says(line.as_bytes()), ["ok"]);
     }
-    assert_eq!(says(&mut board, b"G0X1\n"), ["ALARM:2", "[MSG:Reset to continue]"]);
-    assert_eq!(says(&mut board, b"$X\n?"), [""; 0]);
-    assert_eq!(says(&mut board, &[0x18]).last().map(String::as_str), Some("[MSG:'$H'|'$X' to unlock]"));
-    says(&mut board, b"$X\n");
-    assert_eq!(says(&mut board, b"$J=X1F10\n"), ["error:15"]);
+    assert_eq!(board.says(b"G0X1\n"), ["ALARM:2", "[MSG:Reset to continue]"]);
+    assert_eq!(board.says(b"$X\n?"), [""; 0]);
+    assert_eq!(board.says(&[0x18]).last().map(String::as_str), Some("[MSG:'$H'|'$X' to unlock]"));
+    board.says(b"$X\n");
+    assert_eq!(board.says(b"$J=X1F10\n"), ["error:15"]);
 }
 
 #[test]
 fn startup_lines_are_done_after_a_reset() {
     let mut board = Board::new();
-    assert_eq!(says(&mut board, b"$N0=G20\n"), ["ok"]);
-    assert_eq!(says(&mut board, b"$N1=G1X\n"), ["error:2"]);
-    assert_eq!(says(&mut board, b"$N\n"), ["$N0=G20", "$N1=", "ok"]);
-    assert_eq!(says(&mut board, &[0x18]).last().map(String::as_str), Some(">G20:ok"));
-    assert!(says(&mut board, b"$G\n")[0].contains("G20"));
+    assert_eq!(board.says(b"$N0=G20\n"), ["ok"]);
+    assert_eq!(board.says(b"$N1=G1X\n"), ["error:2"]);
+    assert_eq!(board.says(b"$N\n"), ["$N0=G20", "$N1=", "ok"]);
+    assert_eq!(board.says(&[0x18]).last().map(String::as_str), Some(">G20:ok"));
+    assert!(board.says(b"$G\n")[0].contains("G20"));
 }
 
 #[test]
@@ -126,14 +136,14 @@ fn with_the_main_loop_held_up_the_buffer_takes_what_it_holds_and_no_more() {
 #[test]
 fn after_the_door_the_spindle_gets_four_seconds() {
     let mut board = Board::new();
-    says(&mut board, b"M3S500\n");
-    assert_eq!(says(&mut board, &[0x84]), ["[MSG:Check Door]"]);
-    assert!(says(&mut board, b"?")[0].starts_with("<Door:0|MPos:0.000,0.000,0.000|FS:0,0|"));
+    board.says(b"M3S500\n");
+    assert_eq!(board.says(&[0x84]), ["[MSG:Check Door]"]);
+    assert!(board.says(b"?")[0].starts_with("<Door:0|MPos:0.000,0.000,0.000|FS:0,0|"));
     let start = board.now;
-    assert!(says(&mut board, b"~?")[0].starts_with("<Door:3|"));
+    assert!(board.says(b"~?")[0].starts_with("<Door:3|"));
     board.said();
     assert_eq!(board.now.since(start).as_nanos(), 4_000_000_000);
-    assert!(says(&mut board, b"?")[0].starts_with("<Idle|"));
+    assert!(board.says(b"?")[0].starts_with("<Idle|"));
 }
 
 /// How many answers the bytes must get: one for each CR and each LF that is taken and not discarded by a reset.

@@ -1,12 +1,9 @@
 //! The controller against conversations recorded with the firmware 1.1h (20190830) on an ATmega328P at 115 200 baud.
 
-use common::Board;
-use torno_grbl::Abilities;
+use common::{Board, LATHE};
+use torno_grbl::memory::Settings;
 
 mod common;
-
-/// X and Z move, and the spindle turns one way.
-const LATHE: Abilities = Abilities { axes: [true, false, true], counterclockwise: false };
 
 /// Plays a conversation, and says where the answers depart from the firmware's.
 fn differences(mut board: Board, transcript: &str) -> Vec<String> {
@@ -96,7 +93,8 @@ fn on_a_lathe_only_what_it_cannot_do_is_another_answer() {
         include_str!("transcripts/06-long.txt"),
         include_str!("transcripts/07-settings.txt"),
     ];
-    let found: Vec<String> = all.iter().flat_map(|text| differences(Board::with(LATHE), text)).collect();
+    let found: Vec<String> =
+        all.iter().flat_map(|text| differences(Board::with(LATHE, Settings::default()), text)).collect();
     let sent: Vec<&str> = found.iter().filter_map(|text| text.split('"').nth(1)?.split("   ").next()).collect();
     let refused = ["G2 X1 Y0 I0.5 F100", "G0X1(comment)Y1", "G1 X 1"];
     // The first of them would have set the motion and the feed for these.

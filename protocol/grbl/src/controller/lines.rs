@@ -2,7 +2,8 @@
 
 use torno_protocol::time::{Instant, Span};
 
-use super::{Controller, RECEIVE};
+use super::{Controller, Homing, RECEIVE};
+use crate::axes;
 use crate::block::{self, Context};
 use crate::code::{Alarm, Code};
 use crate::execution::{Answer, Execution, Wait};
@@ -46,7 +47,7 @@ impl<M: Machine> Controller<M> {
         }
     }
 
-    fn finish(&mut self, answer: Answer, result: Result<(), Code>) {
+    pub(super) fn finish(&mut self, answer: Answer, result: Result<(), Code>) {
         match answer {
             Answer::Ok => {}
             Answer::Stored { number, block } => {
@@ -85,16 +86,10 @@ impl<M: Machine> Controller<M> {
                 lines.iter().for_each(|line| self.say(line));
             }
             Command::Home { .. } if !self.memory.settings.homes() => return self.answer(Err(Code::HomingDisabled)),
-            Command::Home { alone: false } => return self.answer(Err(Code::InvalidStatement)),
-            Command::Home { alone: true } => {
-                self.state = State::Home;
-                self.homing = true;
-                // The answer comes when it is done.
-                return self.machine.home(now);
-            }
+            Command::Home { axis } => return self.home(now, &axis),
             Command::Sleep => self.sleeps = true,
             Command::Info => {
-                let lines = report::info(&self.memory, self.machine.room(), RECEIVE);
+                let lines = report::info(&self.memory, self.abilities.single_homing, self.machine.room(), RECEIVE);
                 lines.iter().for_each(|line| self.say(line));
             }
             Command::StoreInfo(info) => self.memory.info = info,
@@ -109,6 +104,7 @@ impl<M: Machine> Controller<M> {
             }
             Command::Store { number, value } => {
                 let result = self.memory.settings.store(number, value);
+                self.machine.configure(&self.memory.settings);
                 return self.answer(result);
             }
             Command::Restore(what) => {
@@ -117,12 +113,28 @@ impl<M: Machine> Controller<M> {
                     Restore::Places => self.memory.restore_places(),
                     Restore::All => self.memory.restore(),
                 }
+                self.machine.configure(&self.memory.settings);
                 self.tell(message::DEFAULTS);
                 self.resets = true;
             }
             Command::Jog(words) => return self.execute(&words, true, Answer::Ok),
         }
         self.answer(Ok(()));
+    }
+
+    /// `$H`, with what follows it. The answer comes when it is done.
+    fn home(&mut self, now: Instant, axis: &[u8]) {
+        let count = self.memory.settings.axes;
+        let one = match axis {
+            [letter] if self.abilities.single_homing => axes::of_letter(*letter, count),
+            _ => None,
+        };
+        if one.is_none() && !axis.is_empty() {
+            return self.answer(Err(Code::InvalidStatement));
+        }
+        self.homing = if one.is_some() { Homing::One } else { Homing::All };
+        self.state = State::Home;
+        self.machine.home(now, core::array::from_fn(|axis| axis < count && one.is_none_or(|one| one == axis)));
     }
 
     /// Goes on with the line that is being done. Says whether it got on.
@@ -220,7 +232,7 @@ impl<M: Machine> Controller<M> {
         if let Some(remark) = self.machine.remark(&motion) {
             self.tell(&remark);
         }
-        self.machine.push(motion);
+        self.machine.push(now, motion);
         if is_jog && self.state == State::Idle && self.machine.has_motions() {
             self.state = State::Jog;
             self.machine.start(now, self.overrides);

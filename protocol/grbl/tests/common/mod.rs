@@ -3,25 +3,61 @@
 // Not every test uses all of it.
 #![allow(dead_code)]
 
+use std::collections::VecDeque;
+
+use torno_grbl::code::Alarm;
 use torno_grbl::controller::Controller;
 use torno_grbl::machine::{Machine, Move, Overrides, Progress};
 use torno_grbl::memory::{Memory, Settings};
-use torno_grbl::{Abilities, Spindle};
+use torno_grbl::{Abilities, Axes, Spindle};
 use torno_protocol::time::Instant;
+
+/// X and Z move, and the spindle turns one way.
+pub(crate) const LATHE: Abilities =
+    Abilities { axes: [true, false, true, false], counterclockwise: false, single_homing: false, holds_slowly: true };
 
 /// A machine whose motions are done when it is told so.
 #[derive(Clone, Default)]
 pub(crate) struct Puppet {
-    position: [i32; 3],
+    position: Axes<i32>,
     motions: Vec<Move>,
     running: bool,
-    progress: Vec<Progress>,
+    progress: VecDeque<Progress>,
+    /// As it was told last.
+    pub(crate) settings: Settings,
+    /// What it looks for the ends of.
+    pub(crate) homes: Option<Axes<bool>>,
+    pub(crate) ends: Axes<bool>,
 }
 
 impl Puppet {
     /// It stands where it is, and has not done what it was given.
     pub(crate) fn stand(&mut self) {
-        self.progress.push(Progress::Held);
+        self.progress.push_back(Progress::Held);
+    }
+
+    /// It has come so far.
+    pub(crate) fn go_to(&mut self, position: Axes<i32>) {
+        self.position = position;
+    }
+
+    /// It cannot go on, and says why.
+    pub(crate) fn fail(&mut self, alarm: Alarm, why: &str) {
+        self.running = false;
+        self.progress.extend([Progress::Message(why.to_owned()), Progress::Failed(alarm)]);
+    }
+
+    /// It has found the ends that it was to look for, and stands 1 mm before them.
+    pub(crate) fn find(&mut self) {
+        for (axis, _) in self.homes.take().unwrap_or_default().iter().enumerate().filter(|(_, homes)| **homes) {
+            self.position[axis] = -250;
+        }
+        self.progress.push_back(Progress::Homed);
+    }
+
+    /// What it has to do.
+    pub(crate) fn motions(&self) -> &[Move] {
+        &self.motions
     }
 
     /// Does what it was given.
@@ -30,12 +66,16 @@ impl Puppet {
             self.position = last.to;
             self.motions.clear();
             self.running = false;
-            self.progress.push(Progress::Finished);
+            self.progress.push_back(Progress::Finished);
         }
     }
 }
 
 impl Machine for Puppet {
+    fn configure(&mut self, settings: &Settings) {
+        self.settings = settings.clone();
+    }
+
     fn room(&self) -> usize {
         15 - self.motions.len()
     }
@@ -44,7 +84,7 @@ impl Machine for Puppet {
         !self.motions.is_empty()
     }
 
-    fn push(&mut self, motion: Move) {
+    fn push(&mut self, _: Instant, motion: Move) {
         if motion.to != self.motions.last().map_or(self.position, |last| last.to) {
             self.motions.push(motion);
         }
@@ -63,13 +103,15 @@ impl Machine for Puppet {
         self.running = false;
     }
 
-    fn home(&mut self, _: Instant) {}
+    fn home(&mut self, _: Instant, axes: Axes<bool>) {
+        self.homes = Some(axes);
+    }
 
     fn spindle(&mut self, _: Instant, _: Spindle, _: f32) {}
 
     fn override_by(&mut self, _: Instant, _: Overrides) {}
 
-    fn position(&self, _: Instant) -> [i32; 3] {
+    fn position(&self, _: Instant) -> Axes<i32> {
         self.position
     }
 
@@ -77,12 +119,12 @@ impl Machine for Puppet {
         0.0
     }
 
-    fn ends(&self) -> [bool; 3] {
-        [false; 3]
+    fn ends(&self) -> Axes<bool> {
+        self.ends
     }
 
     fn poll_progress(&mut self) -> Option<Progress> {
-        self.progress.pop()
+        self.progress.pop_front()
     }
 }
 
@@ -93,14 +135,23 @@ pub(crate) struct Board {
 }
 
 impl Board {
-    /// One with power that has said who it is.
+    /// One with power that has said who it is. Its machine can do all that the firmware can; there is no A axis.
     pub(crate) fn new() -> Self {
-        Self::with(Abilities { axes: [true; 3], counterclockwise: true })
+        Self::with(
+            Abilities { axes: [true, true, true, false], counterclockwise: true, holds_slowly: false, ..LATHE },
+            Settings::default(),
+        )
     }
 
-    /// The same in front of a machine that can do so much.
-    pub(crate) fn with(abilities: Abilities) -> Self {
-        let controller = Controller::new(Memory::new(Settings::default()), abilities, Puppet::default());
+    /// One with an A axis. It homes one axis, too.
+    pub(crate) fn with_a() -> Self {
+        let abilities = Abilities { axes: [true; 4], counterclockwise: true, single_homing: true, holds_slowly: false };
+        Self::with(abilities, Settings::with_a())
+    }
+
+    /// One with these settings in front of a machine that can do so much.
+    pub(crate) fn with(abilities: Abilities, settings: Settings) -> Self {
+        let controller = Controller::new(Memory::new(settings), abilities, Puppet::default());
         let mut board = Self { controller, now: Instant::START };
         board.controller.power_on(board.now);
         board.said();
@@ -112,6 +163,12 @@ impl Board {
         for byte in bytes {
             assert!(self.controller.receive(self.now, *byte));
         }
+    }
+
+    /// What it says to bytes, while the machine does nothing by itself.
+    pub(crate) fn says(&mut self, bytes: &[u8]) -> Vec<String> {
+        self.send(bytes);
+        self.heard()
     }
 
     /// What it says now.
