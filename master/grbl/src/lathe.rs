@@ -25,6 +25,8 @@ const TRIES: u32 = 3;
 /// The silence after a refusal: what the master refuses in mid-frame is still being sent.
 const AFTER_REFUSAL: Span =
     Span::from_nanos(FRAME_GAP.as_nanos() + CHARACTER.times(Frame::LENGTH as u64 + 1).as_nanos());
+/// What the operator is told if a frame is given up.
+const NO_ANSWER: &str = "The machine does not answer";
 /// The planner turns its spindle, so that everything can be cut: the board's own is the controller's.
 const TURNS: Kind = Kind::Spindle { sense: Sense::Clockwise, speed: Speed::Constant(1_000.0) };
 
@@ -62,6 +64,8 @@ struct Way {
 struct Flight {
     way: Way,
     since: Instant,
+    /// It is given up then.
+    until: Instant,
     tries: u32,
     /// A slave has failed with it: it is not done, but over.
     failed: bool,
@@ -76,6 +80,7 @@ pub(crate) struct Lathe {
     pull_off: f64,
     hold: Span,
     jog: Span,
+    patience: Span,
     mode: Mode,
     /// What is left to do; the first one is in the planner if a motion is under way.
     motions: VecDeque<Move>,
@@ -111,6 +116,7 @@ impl Lathe {
             pull_off: 0.0,
             hold: seconds(settings.hold_s),
             jog: seconds(settings.jog_s),
+            patience: seconds(settings.patience_s),
             mode: Mode::Stands,
             motions: VecDeque::new(),
             planner: planner(scale, Standing::default()),
@@ -151,7 +157,10 @@ impl Lathe {
 
     /// When [`step`](Self::step) is to be called.
     pub(crate) fn poll_timeout(&self, now: Instant) -> Option<Instant> {
-        (self.quiet_until > now && self.flight.is_none() && self.has_something()).then_some(self.quiet_until)
+        match &self.flight {
+            Some(flight) => Some(flight.until),
+            None => (self.quiet_until > now && self.has_something()).then_some(self.quiet_until),
+        }
     }
 
     fn has_something(&self) -> bool {
@@ -211,6 +220,17 @@ impl Lathe {
         });
     }
 
+    /// Nothing is heard of the frame any more: its answer is lost, or the machine is dead.
+    fn gave_no_answer(&mut self, now: Instant, flight: Flight) {
+        self.advance(self.moved(now));
+        self.flight = None;
+        self.quiet_until = now + AFTER_REFUSAL;
+        if !flight.failed {
+            self.progress.push_back(Progress::Message(NO_ANSWER.to_owned()));
+            self.fail(Alarm::Aborted);
+        }
+    }
+
     fn failed(&mut self, now: Instant, party: Party, fault: Fault) {
         let homing = match self.mode {
             Mode::Homes(Homing::Seek(axis)) => Some(axis),
@@ -251,6 +271,9 @@ impl Lathe {
 
     /// Goes on, if nothing is under way.
     pub(crate) fn step(&mut self, now: Instant) {
+        if let Some(flight) = self.flight.filter(|flight| flight.until <= now) {
+            self.gave_no_answer(now, flight);
+        }
         if self.flight.is_some() || now < self.quiet_until {
             return;
         }
@@ -351,6 +374,13 @@ impl Lathe {
         Way { slots: way.slots.clamp(-slots, slots), counts: way.counts.clamp(-counts, counts), speed }
     }
 
+    /// How long a frame takes by its profile, one axis after the other.
+    fn time(&self, way: Way) -> Span {
+        let counts = f64::from(way.counts.abs()) / f64::from(way.speed.max(1)) * self.scale.feed.sample_s;
+        let slots = f64::from(way.slots.abs()) / self.slots_per_s();
+        Span::from_nanos(((counts + slots) * 1e9) as u64)
+    }
+
     fn slots_per_s(&self) -> f64 {
         self.scale.infeed.mm_per_s / self.scale.infeed.mm_per_slot.abs()
     }
@@ -373,7 +403,8 @@ impl Lathe {
         self.told = self.spindle;
         self.to_send.extend(frame.emit());
         let tries = core::mem::take(&mut self.tries);
-        self.flight = Some(Flight { way, since: now, tries, failed: false });
+        let until = now + self.time(way).times(2) + self.patience;
+        self.flight = Some(Flight { way, since: now, until, tries, failed: false });
         self.ends = Axes::default();
     }
 

@@ -16,6 +16,9 @@ settings! {
         hold_s: f64 = 5.0, 0.1..=1_000.0, "s", "ours";
         /// A frame of a jog takes no longer than this.
         jog_s: f64 = 1.0, 0.1..=1_000.0, "s", "ours";
+        /// A frame without an answer is given up so long after twice the time that its way takes. The main motor, which
+        /// coasts, may take 20 s more than that.
+        patience_s: f64 = 60.0, 1.0..=1_000.0, "s", "ours";
         /// The axis across the bar: X.
         x: XSettings;
         /// The axis along the bar: Z.
