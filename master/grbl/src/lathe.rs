@@ -346,6 +346,7 @@ impl Lathe {
         let kind = match motion.rate {
             Rate::Rapid => Kind::Rapid { to },
             Rate::Feed(feed) | Rate::Jog(feed) => Kind::Feed { to, feed: self.feed(f64::from(feed)) },
+            Rate::PerTurn(feed) => Kind::Feed { to, feed: self.feed(f64::from(feed * self.rpm())) },
             Rate::PerMinute(part) => Kind::Feed { to, feed: self.feed(f64::from(part) * length) },
         };
         self.planner.take(&Motion { line: 0, kind });
@@ -354,6 +355,11 @@ impl Lathe {
     /// A feed that the machine has.
     fn feed(&self, mm_per_min: f64) -> Feed {
         Feed::PerMinute(mm_per_min.max(self.scale.feed.unit()))
+    }
+
+    /// The spindle's speed, as it is asked for.
+    fn rpm(&self) -> f32 {
+        f32::from(self.spindle) * RPM
     }
 
     fn zero_place(&self) -> Place {
@@ -389,7 +395,7 @@ impl Lathe {
     fn overridden(&self, units: u8) -> u8 {
         let percent = match self.motions.front().map(|motion| motion.rate) {
             Some(Rate::Rapid) => self.overrides.rapid,
-            Some(Rate::Feed(_) | Rate::PerMinute(_)) => self.overrides.feed,
+            Some(Rate::Feed(_) | Rate::PerTurn(_) | Rate::PerMinute(_)) => self.overrides.feed,
             Some(Rate::Jog(_)) | None => 100,
         };
         let units = (u32::from(units) * u32::from(percent) + 50) / 100;
@@ -474,9 +480,12 @@ impl Machine for Lathe {
 
     fn remark(&self, motion: &Move) -> Option<String> {
         let unit = self.scale.feed.unit();
-        let slow = |feed: f32| f64::from(feed) < 0.99 * unit;
-        let is_slow = matches!(motion.rate, Rate::Feed(feed) | Rate::Jog(feed) if slow(feed));
-        is_slow.then(|| format!("Feed raised to {unit:.3}"))
+        let feed = match motion.rate {
+            Rate::Feed(feed) | Rate::Jog(feed) => feed,
+            Rate::PerTurn(feed) => feed * self.rpm(),
+            Rate::Rapid | Rate::PerMinute(_) => return None,
+        };
+        (f64::from(feed) < 0.99 * unit).then(|| format!("Feed raised to {unit:.3}"))
     }
 
     fn start(&mut self, now: Instant, overrides: Overrides) {

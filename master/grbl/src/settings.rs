@@ -85,7 +85,7 @@ impl GrblSettings {
 
     /// The firmware's settings for this machine; Y is as the firmware has it.
     pub(crate) fn firmware(&self) -> Settings {
-        let mut settings = Settings::default();
+        let mut settings = Settings::of_lathe();
         settings.steps_per_mm[0] = self.x.slots_per_mm as f32;
         settings.steps_per_mm[2] = self.z.counts_per_mm as f32;
         settings.max_rate[0] = self.x.mm_per_min as f32;

@@ -9,6 +9,7 @@ pub type Axes<T = f32> = [T; MOST];
 /// Their letters.
 pub const LETTERS: Axes<u8> = *b"XYZA";
 
+pub(crate) const X: usize = 0;
 pub(crate) const Z: usize = 2;
 /// It turns: its words are degrees, in whatever units the others are.
 pub(crate) const A: usize = 3;

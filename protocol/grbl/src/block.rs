@@ -3,15 +3,18 @@
 use std::collections::VecDeque;
 
 use crate::arc::{self, Arc};
-use crate::axes::{A, Axes, LETTERS, MOST, Z};
+use crate::axes::{A, Axes, LETTERS, MOST, X, Z};
 use crate::code::Code;
 use crate::memory::{Memory, SYSTEMS};
-use crate::modal::{Modal, Motion, Spindle};
+use crate::modal::{FeedMode, Modal, Motion, Spindle};
 use crate::path::{Line, Rate};
 use crate::steps::Step;
 use crate::words::{AxisCommand, Flow, Once, Words};
 
 const MM_PER_INCH: f32 = 25.4;
+const M_PER_FOOT: f32 = 0.3048;
+/// Constant surface speed is followed where the spindle is off by more than this share.
+const OFF: f32 = 0.05;
 /// The largest number of a line.
 const LINE_MOST: i64 = 10_000_000;
 /// G10: as L words.
@@ -50,10 +53,10 @@ pub(crate) struct Block {
 
 /// Reads a block; the words of a jog, if it is one. The first fault counts.
 pub(crate) fn read(text: &[u8], is_jog: bool, context: Context<'_>) -> Result<Block, Code> {
-    let mut words = Words::read(text, context.memory.settings.axes)?;
+    let mut words = Words::read(text, &context.memory.settings)?;
     if is_jog {
         words.motion = words.motion.or(Some(Motion::Linear));
-        words.inverse_time = words.inverse_time.or(Some(false));
+        words.feed_mode = words.feed_mode.or(Some(FeedMode::PerMinute));
     }
     let mut reader = Reader::new(words, is_jog, context);
     let checked = reader.check()?;
@@ -89,11 +92,22 @@ impl<'a> Reader<'a> {
         now.plane = words.plane.unwrap_or(now.plane);
         now.inches = words.inches.unwrap_or(now.inches);
         now.incremental = words.incremental.unwrap_or(now.incremental);
-        now.inverse_time = words.inverse_time.unwrap_or(now.inverse_time);
+        now.feed_mode = words.feed_mode.unwrap_or(now.feed_mode);
+        now.diameter = words.diameter.unwrap_or(now.diameter);
+        now.surface = words.surface.unwrap_or(now.surface);
         now.system = words.system.unwrap_or(now.system);
         now.spindle = words.spindle.unwrap_or(now.spindle);
         now.flood = words.flood.unwrap_or(now.flood);
-        now.speed = if words.has(b'S') { words.s } else { now.speed };
+        now.speed = match (before.surface, now.surface) {
+            _ if words.has(b'S') && now.surface && now.inches => words.s * M_PER_FOOT,
+            _ if words.has(b'S') => words.s,
+            // It goes on as it turns.
+            (true, false) => before.rpm,
+            _ => before.speed,
+        };
+        if words.surface.is_some() {
+            now.most_rpm = words.d;
+        }
         // A T word counts for its block only.
         now.tool = words.t;
         let axis_command = words.axis_command.or(words.has_axes().then_some(AxisCommand::Motion));
@@ -104,10 +118,14 @@ impl<'a> Reader<'a> {
         if self.now.inches { value * MM_PER_INCH } else { value }
     }
 
-    /// The word of an axis: mm, of A degrees.
+    /// The word of an axis: mm, of X a radius, of A degrees.
     fn axis_value(&self, axis: usize) -> f32 {
         let value = self.words.axis_values[axis];
-        if axis == A { value } else { self.length(value) }
+        match axis {
+            A => value,
+            X if self.now.diameter => self.length(value) / 2.0,
+            _ => self.length(value),
+        }
     }
 
     fn check(&mut self) -> Result<Checked, Code> {
@@ -116,6 +134,12 @@ impl<'a> Reader<'a> {
         }
         if self.now.spindle == Spindle::Counterclockwise && !self.abilities.counterclockwise {
             return Err(Code::UnsupportedCommand);
+        }
+        if self.words.surface == Some(true) {
+            if !self.words.has(b'S') {
+                return Err(Code::ValueMissing);
+            }
+            self.words.used(b"D");
         }
         self.now.feed = self.feed()?;
         if self.words.once == Some(Once::Dwell) {
@@ -157,18 +181,24 @@ impl<'a> Reader<'a> {
         if self.is_jog {
             return if given { Ok(self.length(self.words.f)) } else { Err(Code::UndefinedFeed) };
         }
-        if self.now.inverse_time {
+        if self.now.feed_mode == FeedMode::InverseTime {
             let moves = !matches!(self.now.motion, Motion::None | Motion::Rapid);
             if self.axis_command == Some(AxisCommand::Motion) && moves && !given {
                 return Err(Code::UndefinedFeed);
             }
             return Ok(self.words.f);
         }
-        Ok(match (self.before.inverse_time, given) {
-            (false, true) => self.length(self.words.f),
-            (false, false) => self.before.feed,
-            // After G93 there is none until one is given.
-            (true, _) => self.words.f,
+        Ok(match self.before.feed_mode {
+            FeedMode::InverseTime => self.words.f,
+            _ if given => self.length(self.words.f),
+            // In another mode there is none until one is given.
+            mode => {
+                if mode == self.now.feed_mode {
+                    self.before.feed
+                } else {
+                    0.0
+                }
+            }
         })
     }
 
@@ -247,7 +277,9 @@ impl<'a> Reader<'a> {
     /// Checks what a motion needs. For an arc, gives what lies between its start and its centre.
     fn motion(&mut self, target: Axes) -> Result<[f32; 2], Code> {
         let has_axes = self.words.has_axes();
-        if self.now.motion != Motion::Rapid && self.now.feed == 0.0 {
+        let stands = self.now.spindle == Spindle::Off || self.now.speed == 0.0;
+        let no_feed = self.now.feed == 0.0 || (self.now.feed_mode == FeedMode::PerTurn && stands && !self.is_jog);
+        if self.now.motion != Motion::Rapid && no_feed {
             return Err(Code::UndefinedFeed);
         }
         let mut offset = [0.0; 2];
@@ -319,11 +351,12 @@ impl<'a> Reader<'a> {
     /// What the block does, in the order of the standard.
     fn block(mut self, checked: &Checked) -> Block {
         let mut steps = VecDeque::new();
+        self.now.rpm = self.rpm(checked);
         let (before, words) = (self.before, &self.words);
         let turns = self.now.spindle != Spindle::Off;
         let changed = before.spindle != self.now.spindle;
-        if changed || (turns && before.speed != self.now.speed) {
-            steps.push_back(Step::Spindle { sense: self.now.spindle, rpm: self.now.speed });
+        if changed || (turns && before.rpm != self.now.rpm) {
+            steps.push_back(Step::Spindle { sense: self.now.spindle, rpm: self.now.rpm });
         }
         if before.flood != self.now.flood {
             steps.push_back(Step::Flood(self.now.flood));
@@ -353,7 +386,9 @@ impl<'a> Reader<'a> {
                     motion: Motion::Linear,
                     plane: 0,
                     incremental: false,
-                    inverse_time: false,
+                    feed_mode: FeedMode::PerMinute,
+                    surface: false,
+                    speed: if self.now.surface { self.now.rpm } else { self.now.speed },
                     system: 0,
                     spindle: Spindle::Off,
                     flood: false,
@@ -364,6 +399,28 @@ impl<'a> Reader<'a> {
             None => {}
         }
         Block { steps, modal: self.now }
+    }
+
+    /// How fast the spindle turns from this block on.
+    fn rpm(&self, checked: &Checked) -> f32 {
+        let (before, now) = (self.before, &self.now);
+        if !now.surface {
+            return now.speed;
+        }
+        let cuts = self.axis_command == Some(AxisCommand::Motion) && now.motion != Motion::Rapid;
+        let same = (before.spindle, before.speed) == (now.spindle, now.speed);
+        let follows = before.surface && self.words.surface.is_none() && same;
+        if follows && !cuts {
+            return before.rpm;
+        }
+        let origin = now.origin(&self.memory.systems)[X];
+        let radius = |place: Axes| (place[X] - origin).abs();
+        let radius = if cuts { radius(before.position).max(radius(checked.target)) } else { radius(before.position) };
+        let (fastest, _) = self.memory.settings.spindle_rpm();
+        let most = if now.most_rpm > 0.0 { now.most_rpm.min(fastest) } else { fastest };
+        // In the middle it is without limit.
+        let rpm = (now.speed * 1_000.0 / (core::f32::consts::TAU * radius)).min(most);
+        if follows && (rpm - before.rpm).abs() <= OFF * rpm { before.rpm } else { rpm }
     }
 
     /// What is done for this block only and concerns places.
@@ -393,7 +450,11 @@ impl<'a> Reader<'a> {
 
     fn moves(&mut self, checked: &Checked, steps: &mut VecDeque<Step>) {
         let to = checked.target;
-        let feed = if self.now.inverse_time { Rate::PerMinute(self.now.feed) } else { Rate::Feed(self.now.feed) };
+        let feed = match self.now.feed_mode {
+            FeedMode::PerMinute => Rate::Feed(self.now.feed),
+            FeedMode::InverseTime => Rate::PerMinute(self.now.feed),
+            FeedMode::PerTurn => Rate::PerTurn(self.now.feed),
+        };
         steps.push_back(match self.now.motion {
             Motion::None => return,
             Motion::Rapid => Step::Line(Line { to, rate: Rate::Rapid }),

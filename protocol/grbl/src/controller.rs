@@ -420,7 +420,7 @@ impl<M: Machine> Controller<M> {
             (State::Door, Suspended::Complete) => {
                 let mut until = now;
                 if self.modal.spindle != Spindle::Off {
-                    self.drive_spindle(now, self.modal.spindle, self.modal.speed);
+                    self.drive_spindle(now, self.modal.spindle, self.modal.rpm);
                     until += DOOR_SPINDLE;
                 }
                 if self.modal.flood {
@@ -451,7 +451,7 @@ impl<M: Machine> Controller<M> {
     fn restore_spindle(&mut self, now: Instant) {
         self.tell(message::SPINDLE);
         self.spindle_stopped = false;
-        self.drive_spindle(now, self.modal.spindle, self.modal.speed);
+        self.drive_spindle(now, self.modal.spindle, self.modal.rpm);
     }
 
     fn override_by(&mut self, now: Instant, change: Override) {
@@ -469,7 +469,7 @@ impl<M: Machine> Controller<M> {
             self.machine.override_by(now, self.overrides);
         }
         if before.spindle != self.overrides.spindle && self.spindle != Spindle::Off {
-            self.drive_spindle(now, self.spindle, self.modal.speed);
+            self.drive_spindle(now, self.spindle, self.modal.rpm);
         }
     }
 

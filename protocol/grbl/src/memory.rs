@@ -10,6 +10,8 @@ pub(crate) const SYSTEMS: usize = 6;
 pub struct Settings {
     /// How many axes there are.
     pub(crate) axes: usize,
+    /// Whether `$32=2` is the lathe mode. (Ours.) If not, `$32` is a switch as the firmware has it.
+    pub(crate) lathe: bool,
     /// `$0` to `$6`, `$10`, `$13`, `$20` to `$23`, `$26`, `$32`: whole numbers. In the order of [`WHOLE`].
     pub(crate) whole: [u8; WHOLE.len()],
     /// `$11`, `$12`, `$24`, `$25`, `$27`, `$30`, `$31`. In the order of [`REAL`].
@@ -51,6 +53,7 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             axes: 3,
+            lathe: false,
             whole: WHOLE.map(|(_, default)| default),
             real: REAL.map(|(_, default, _)| default),
             steps_per_mm: [250.0; axes::MOST],
@@ -65,6 +68,11 @@ impl Settings {
     /// The defaults of a firmware for X, Y, Z and A.
     pub fn with_a() -> Self {
         Self { axes: axes::MOST, ..Self::default() }
+    }
+
+    /// The defaults of a firmware that has a lathe mode.
+    pub fn of_lathe() -> Self {
+        Self { lathe: true, ..Self::default() }
     }
 }
 

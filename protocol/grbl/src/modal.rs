@@ -40,6 +40,18 @@ pub enum Spindle {
     Counterclockwise,
 }
 
+/// What the feed is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum FeedMode {
+    /// G94: mm a minute.
+    #[default]
+    PerMinute,
+    /// G93.
+    InverseTime,
+    /// G95: mm a turn of the spindle.
+    PerTurn,
+}
+
 /// What stays in force from one block to the next; a reset forgets it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Modal {
@@ -52,8 +64,13 @@ pub(crate) struct Modal {
     pub(crate) inches: bool,
     /// G91.
     pub(crate) incremental: bool,
-    /// G93.
-    pub(crate) inverse_time: bool,
+    pub(crate) feed_mode: FeedMode,
+    /// G7: X words are diameters.
+    pub(crate) diameter: bool,
+    /// G96: S is the speed at the tool, m a minute.
+    pub(crate) surface: bool,
+    /// G96: the spindle does not exceed it, rpm; 0 for its own limit.
+    pub(crate) most_rpm: f32,
     pub(crate) spindle: Spindle,
     /// M8.
     pub(crate) flood: bool,
@@ -62,6 +79,8 @@ pub(crate) struct Modal {
     pub(crate) feed: f32,
     /// As it was programmed last.
     pub(crate) speed: f32,
+    /// What comes of it for the spindle.
+    pub(crate) rpm: f32,
     /// G92: mm.
     pub(crate) shift: Axes,
     /// G43.1: mm, along Z.
@@ -86,5 +105,16 @@ impl Modal {
         let mut origin = core::array::from_fn(|axis| system[axis] + self.shift[axis]);
         origin[Z] += self.tool_length;
         origin
+    }
+
+    /// What only a lathe has is no longer in force.
+    pub(crate) fn leave_lathe_mode(&mut self) {
+        if self.feed_mode == FeedMode::PerTurn {
+            (self.feed_mode, self.feed) = (FeedMode::PerMinute, 0.0);
+        }
+        if self.surface {
+            (self.surface, self.speed) = (false, self.rpm);
+        }
+        self.diameter = false;
     }
 }

@@ -11,6 +11,8 @@ pub enum Rate {
     Feed(f32),
     /// mm a minute, and no override changes it.
     Jog(f32),
+    /// mm a turn of the spindle: G95.
+    PerTurn(f32),
     /// The whole motion takes this part of a minute: G93.
     PerMinute(f32),
 }

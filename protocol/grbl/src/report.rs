@@ -3,7 +3,7 @@
 use crate::axes::{A, Axes, LETTERS};
 use crate::machine::Overrides;
 use crate::memory::{Memory, SYSTEMS, Settings};
-use crate::modal::{Modal, Motion, Spindle};
+use crate::modal::{FeedMode, Modal, Motion, Spindle};
 use crate::number;
 use crate::state::State;
 
@@ -71,16 +71,25 @@ pub(crate) fn modes(modal: &Modal, settings: &Settings) -> String {
         Spindle::Clockwise => 3,
         Spindle::Counterclockwise => 4,
     };
+    let units = Units::of(settings);
+    let (feed_mode, feed) = match modal.feed_mode {
+        FeedMode::PerMinute => (94, units.rate(modal.feed)),
+        FeedMode::InverseTime => (93, units.rate(modal.feed)),
+        FeedMode::PerTurn => (95, units.length(modal.feed)),
+    };
+    let lathe = if settings.lathe_mode() {
+        format!(" G{} G{}", if modal.diameter { 7 } else { 8 }, if modal.surface { 96 } else { 97 })
+    } else {
+        String::new()
+    };
     format!(
-        "[GC:G{motion} G{} G{} G{} G{} G{} M{spindle} M{} T{} F{} S{}]",
+        "[GC:G{motion} G{} G{} G{} G{} G{feed_mode}{lathe} M{spindle} M{} T{} F{feed} S{}]",
         54 + modal.system,
         17 + modal.plane,
         if modal.inches { 20 } else { 21 },
         if modal.incremental { 91 } else { 90 },
-        if modal.inverse_time { 93 } else { 94 },
         if modal.flood { 8 } else { 9 },
         modal.tool,
-        Units::of(settings).rate(modal.feed),
         number::print(modal.speed, 0),
     )
 }

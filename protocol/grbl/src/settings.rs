@@ -52,6 +52,11 @@ impl Settings {
         self.whole(INCHES) != 0
     }
 
+    /// Whether the words of a lathe are known.
+    pub(crate) fn lathe_mode(&self) -> bool {
+        self.whole(MODE) == 2
+    }
+
     pub(crate) fn soft_limits(&self) -> bool {
         self.whole(SOFT_LIMITS) != 0
     }
@@ -124,10 +129,8 @@ impl Settings {
             _ => {}
         }
         let value = if SWITCHES.contains(&number) { u8::from(byte != 0) } else { byte };
-        if number == MODE {
-            // 1 is accepted and does nothing.
-            return self.set_whole(MODE, value.min(2)).then_some(()).ok_or(Code::InvalidStatement);
-        }
+        // 1, the laser mode, is accepted and does nothing.
+        let value = if number == MODE { value.min(1 + u8::from(self.lathe)) } else { value };
         self.set_whole(number, value).then_some(()).ok_or(Code::InvalidStatement)
     }
 

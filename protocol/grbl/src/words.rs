@@ -2,7 +2,8 @@
 
 use crate::axes::{self, Axes};
 use crate::code::Code;
-use crate::modal::{Motion, Probe, Spindle};
+use crate::memory::Settings;
+use crate::modal::{FeedMode, Motion, Probe, Spindle};
 use crate::number;
 
 /// The largest number of a tool.
@@ -63,6 +64,8 @@ mod group {
     pub(super) const FLOW: u16 = 1 << 11;
     pub(super) const SPINDLE: u16 = 1 << 12;
     pub(super) const COOLANT: u16 = 1 << 13;
+    pub(super) const DIAMETER: u16 = 1 << 14;
+    pub(super) const SPEED: u16 = 1 << 15;
     /// What a jog may have.
     pub(super) const OF_JOG: u16 = ONCE | DISTANCE | UNITS;
 }
@@ -80,7 +83,11 @@ pub(crate) struct Words {
     pub(crate) motion: Option<Motion>,
     pub(crate) plane: Option<usize>,
     pub(crate) incremental: Option<bool>,
-    pub(crate) inverse_time: Option<bool>,
+    pub(crate) feed_mode: Option<FeedMode>,
+    /// G7, and not G8.
+    pub(crate) diameter: Option<bool>,
+    /// G96, and not G97.
+    pub(crate) surface: Option<bool>,
     pub(crate) inches: Option<bool>,
     /// G43.1, and not G49.
     pub(crate) tool_length: Option<bool>,
@@ -88,6 +95,7 @@ pub(crate) struct Words {
     pub(crate) flow: Option<Flow>,
     pub(crate) spindle: Option<Spindle>,
     pub(crate) flood: Option<bool>,
+    pub(crate) d: f32,
     pub(crate) f: f32,
     pub(crate) ijk: [f32; 3],
     pub(crate) l: u8,
@@ -101,8 +109,8 @@ pub(crate) struct Words {
 }
 
 impl Words {
-    /// Reads the words of a block for so many axes. The first fault counts.
-    pub(crate) fn read(text: &[u8], axes: usize) -> Result<Self, Code> {
+    /// Reads the words of a block. The first fault counts.
+    pub(crate) fn read(text: &[u8], settings: &Settings) -> Result<Self, Code> {
         let mut words = Self::default();
         let mut rest = text;
         while let [letter, after @ ..] = rest {
@@ -115,9 +123,9 @@ impl Words {
             let whole = value.trunc() as i64 as u8;
             let hundredths = libm::roundf(100.0 * (value - f32::from(whole))) as i64 as u16;
             match letter {
-                b'G' => words.take_g(whole, hundredths)?,
+                b'G' => words.take_g(whole, hundredths, settings.lathe_mode())?,
                 b'M' => words.take_m(whole, hundredths)?,
-                letter => words.take_value(*letter, value, whole, axes)?,
+                letter => words.take_value(*letter, value, whole, settings)?,
             }
         }
         Ok(words)
@@ -142,7 +150,7 @@ impl Words {
         Ok(())
     }
 
-    fn take_g(&mut self, number: u8, hundredths: u16) -> Result<(), Code> {
+    fn take_g(&mut self, number: u8, hundredths: u16, lathe: bool) -> Result<(), Code> {
         match (number, hundredths) {
             (10 | 28 | 30 | 92, 0) => self.claim_axes(AxisCommand::Once)?,
             (28 | 30 | 92, hundredths) if hundredths != 10 => return Err(Code::UnsupportedCommand),
@@ -203,8 +211,20 @@ impl Words {
             }
             90 | 91 => return Err(Code::UnsupportedCommand),
             93 | 94 => {
-                self.inverse_time = Some(number == 93);
+                self.feed_mode = Some(if number == 93 { FeedMode::InverseTime } else { FeedMode::PerMinute });
                 group::FEED
+            }
+            95 if lathe => {
+                self.feed_mode = Some(FeedMode::PerTurn);
+                group::FEED
+            }
+            7 | 8 if lathe => {
+                self.diameter = Some(number == 7);
+                group::DIAMETER
+            }
+            96 | 97 if lathe => {
+                self.surface = Some(number == 96);
+                group::SPEED
             }
             20 | 21 => {
                 self.inches = Some(number == 20);
@@ -257,9 +277,10 @@ impl Words {
         self.take_group(group, 0)
     }
 
-    fn take_value(&mut self, letter: u8, value: f32, whole: u8, axes: usize) -> Result<(), Code> {
-        let axis = axes::of_letter(letter, axes);
+    fn take_value(&mut self, letter: u8, value: f32, whole: u8, settings: &Settings) -> Result<(), Code> {
+        let axis = axes::of_letter(letter, settings.axes);
         match letter {
+            b'D' if settings.lathe_mode() => self.d = value,
             b'F' => self.f = value,
             b'I'..=b'K' => self.ijk[usize::from(letter - b'I')] = value,
             b'L' => self.l = whole,
@@ -275,7 +296,7 @@ impl Words {
         if self.letters & bit != 0 {
             return Err(Code::WordRepeated);
         }
-        if b"FNPST".contains(&letter) && value < 0.0 {
+        if b"DFNPST".contains(&letter) && value < 0.0 {
             return Err(Code::NegativeValue);
         }
         self.letters |= bit;

@@ -105,6 +105,9 @@ impl<M: Machine> Controller<M> {
             Command::Store { number, value } => {
                 let result = self.memory.settings.store(number, value);
                 self.machine.configure(&self.memory.settings);
+                if !self.memory.settings.lathe_mode() {
+                    self.modal.leave_lathe_mode();
+                }
                 return self.answer(result);
             }
             Command::Restore(what) => {
