@@ -4,7 +4,6 @@ use std::collections::VecDeque;
 
 use torno_grbl::Abilities;
 use torno_grbl::controller::Controller;
-use torno_grbl::memory::Memory;
 use torno_grbl::state::State;
 use torno_protocol::board::{Board, Capability, Deadline, Description, Input, Output, Role, Signal, Stimulus};
 use torno_protocol::clock::{Clock, Rate};
@@ -57,13 +56,12 @@ pub struct Grbl {
 impl Grbl {
     /// The board as at power-on.
     pub fn new(settings: &GrblSettings, clock: Clock) -> Self {
-        let memory = Memory::new(settings.firmware());
         let boot = Span::from_millis(u64::from(settings.boot_ms));
         Self {
             clock,
             boot,
             boots_until: Some(Instant::START + clock.span(boot)),
-            controller: Controller::new(memory, ABILITIES, Lathe::new(settings)),
+            controller: Controller::new(settings.memory(), ABILITIES, Lathe::new(settings)),
             usb: Transmitter::hardware(USB_RATE, clock),
             machine: Transmitter::hardware(lathe::RATE, clock),
             state: State::Idle,

@@ -1,8 +1,44 @@
 //! The settings of the board.
 
-use torno_grbl::memory::Settings;
+use core::fmt;
+
+use serde::{Deserialize, Serialize};
+use torno_grbl::memory::{Memory, Settings};
 use torno_planner::{Feed, Infeed, Scale};
 use torno_protocol::settings;
+use torno_protocol::settings::Range;
+
+/// Lines of which each tells something that the EEPROM holds.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Eeprom(Vec<String>);
+
+impl fmt::Display for Eeprom {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:?}", self.0)
+    }
+}
+
+impl Eeprom {
+    /// What is kept, with these settings where no line says something else.
+    fn load(&self, settings: Settings) -> Result<Memory, String> {
+        let mut memory = Memory::new(settings);
+        memory.load(self.0.iter().map(String::as_str)).map(|()| memory)
+    }
+}
+
+/// What a lathe's EEPROM can hold.
+struct Lines;
+
+impl Range<Eeprom> for Lines {
+    fn accept(&self, found: &Eeprom) -> Result<(), String> {
+        found.load(Settings::of_lathe()).map(|_| ())
+    }
+
+    fn text(&self) -> String {
+        "lines of $$, $# and $N, and $I=".to_owned()
+    }
+}
 
 settings! {
     /// The board's settings in the rig file. What the machine is like must be what its boards are: the defaults are
@@ -19,6 +55,8 @@ settings! {
         /// A frame without an answer is given up so long after twice the time that its way takes. The main motor, which
         /// coasts, may take 20 s more than that.
         patience_s: f64 = 60.0, 1.0..=1_000.0, "s", "ours";
+        /// What its EEPROM holds at the start. Without a line for it, a setting is as the others here make it.
+        eeprom: Eeprom = Eeprom::default(), Lines, "", "ours";
         /// The axis across the bar: X.
         x: XSettings;
         /// The axis along the bar: Z.
@@ -83,8 +121,13 @@ impl GrblSettings {
         Scale { feed, infeed }
     }
 
+    /// What the EEPROM holds at the start. The settings have been checked.
+    pub(crate) fn memory(&self) -> Memory {
+        self.eeprom.load(self.firmware()).unwrap_or_else(|_| Memory::new(self.firmware()))
+    }
+
     /// The firmware's settings for this machine; Y is as the firmware has it.
-    pub(crate) fn firmware(&self) -> Settings {
+    fn firmware(&self) -> Settings {
         let mut settings = Settings::of_lathe();
         settings.steps_per_mm[0] = self.x.slots_per_mm as f32;
         settings.steps_per_mm[2] = self.z.counts_per_mm as f32;

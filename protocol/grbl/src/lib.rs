@@ -13,6 +13,7 @@ pub mod state;
 
 mod arc;
 mod block;
+mod eeprom;
 mod execution;
 mod line;
 mod modal;

@@ -10,7 +10,7 @@ const STATUS: u8 = 10;
 const INCHES: u8 = 13;
 const SOFT_LIMITS: u8 = 20;
 const HARD_LIMITS: u8 = 21;
-const HOMING: u8 = 22;
+pub(crate) const HOMING: u8 = 22;
 const MODE: u8 = 32;
 /// These are switches: whatever is not 0 is 1.
 const SWITCHES: [u8; 7] = [4, 5, 6, INCHES, SOFT_LIMITS, HARD_LIMITS, HOMING];
