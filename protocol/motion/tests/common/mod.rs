@@ -5,10 +5,13 @@ use std::collections::VecDeque;
 use torno_grbl::controller::{Controller, RECEIVE};
 use torno_grbl::machine::{Machine, Move, Overrides, Progress};
 use torno_grbl::memory::{Memory, Settings};
-use torno_grbl::{Abilities, Rate as Asked, Spindle};
+use torno_grbl::{Abilities, Axes, Rate as Asked, Spindle};
 use torno_motion::{AxisLimits, Limits, Planner, Rate};
 use torno_protocol::time::{Instant, Span};
 
+/// The firmware's.
+const ABILITIES: Abilities =
+    Abilities { axes: [true, true, true, false], counterclockwise: true, single_homing: false, holds_slowly: false };
 /// Ten bits at 115 200 baud.
 const CHARACTER: Span = Span::from_nanos(86_806);
 const SAMPLE: Span = Span::from_millis(10);
@@ -24,7 +27,6 @@ pub(crate) fn limits() -> Limits {
 #[derive(Clone, Debug)]
 pub(crate) struct Bench {
     pub planner: Planner,
-    now: Instant,
     progress: VecDeque<Progress>,
     pub segments: u32,
 }
@@ -38,15 +40,15 @@ impl Machine for Bench {
         !self.planner.is_empty()
     }
 
-    fn push(&mut self, motion: Move) {
+    fn push(&mut self, now: Instant, motion: Move) {
         let rate = match motion.rate {
             Asked::Rapid => Rate::Rapid,
             Asked::Feed(rate) => Rate::Feed(rate.into()),
             Asked::Jog(rate) => Rate::Jog(rate.into()),
             Asked::PerMinute(rate) => Rate::InverseTime(rate.into()),
+            Asked::PerTurn(_) => unreachable!("no program has a feed a turn"),
         };
-        let [x, y, z] = motion.to;
-        self.planner.push(self.now, [x, y, z, 0], rate);
+        self.planner.push(now, motion.to, rate);
     }
 
     fn start(&mut self, now: Instant, _: Overrides) {
@@ -61,7 +63,7 @@ impl Machine for Bench {
         self.planner.abort(now);
     }
 
-    fn home(&mut self, _: Instant) {}
+    fn home(&mut self, _: Instant, _: Axes<bool>) {}
 
     fn spindle(&mut self, _: Instant, _: Spindle, _: f32) {}
 
@@ -69,17 +71,16 @@ impl Machine for Bench {
         self.planner.set_overrides(now, overrides.feed, overrides.rapid);
     }
 
-    fn position(&self, now: Instant) -> [i32; 3] {
-        let [x, y, z, _] = self.planner.position(now);
-        [x, y, z]
+    fn position(&self, now: Instant) -> Axes<i32> {
+        self.planner.position(now)
     }
 
     fn rate(&self, now: Instant) -> f32 {
         self.planner.rate(now) as f32
     }
 
-    fn ends(&self) -> [bool; 3] {
-        [false; 3]
+    fn ends(&self) -> Axes<bool> {
+        [false; 4]
     }
 
     fn poll_progress(&mut self) -> Option<Progress> {
@@ -103,10 +104,8 @@ pub(crate) fn stream(program: &str) -> Seen {
         settings.max_rate[n] = limits.axes[n].max_rate as f32;
         settings.acceleration[n] = limits.axes[n].acceleration as f32;
     }
-    let bench =
-        Bench { planner: Planner::new(limits, 15), now: Instant::START, progress: VecDeque::new(), segments: 0 };
-    let abilities = Abilities { axes: [true; 3], counterclockwise: true };
-    let mut controller = Controller::new(Memory::new(settings), abilities, bench);
+    let bench = Bench { planner: Planner::new(limits, 15), progress: VecDeque::new(), segments: 0 };
+    let mut controller = Controller::new(Memory::new(settings), ABILITIES, bench);
     controller.power_on(Instant::START);
     while controller.poll_transmit(Instant::START).is_some() {}
 
@@ -128,12 +127,11 @@ pub(crate) fn stream(program: &str) -> Seen {
         ];
         let Some(next) = events.into_iter().flatten().min() else { break };
         if sample <= next {
-            places.push(controller.machine().position(sample));
+            places.push(place(&controller, sample));
             sample += SAMPLE;
             continue;
         }
         let now = next;
-        controller.machine_mut().now = now;
         if fits && sent <= now {
             let text = lines.pop_front().unwrap();
             for byte in text.bytes().chain(*b"\n") {
@@ -164,8 +162,13 @@ pub(crate) fn stream(program: &str) -> Seen {
             answers.push_back((answered, byte));
         }
     }
-    places.push(controller.machine().position(sample));
+    places.push(place(&controller, sample));
     Seen { places, segments: controller.machine().segments }
+}
+
+fn place(controller: &Controller<Bench>, at: Instant) -> [i32; 3] {
+    let [x, y, z, _] = controller.machine().position(at);
+    [x, y, z]
 }
 
 /// Takes the next byte, if it has come until `now`.
