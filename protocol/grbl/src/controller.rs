@@ -155,6 +155,11 @@ impl<M: Machine> Controller<M> {
         &self.machine
     }
 
+    /// How many bytes wait in the receive buffer.
+    pub fn waiting(&self) -> usize {
+        self.receive.len()
+    }
+
     /// A byte arrives. Says whether it was taken: one that finds the buffer full is lost.
     pub fn receive(&mut self, now: Instant, byte: u8) -> bool {
         let taken = match fate(byte) {
@@ -201,9 +206,7 @@ impl<M: Machine> Controller<M> {
         if let Suspended::Restoring(until) = self.suspended
             && until <= now
         {
-            self.suspended = Suspended::No;
-            self.state = State::Idle;
-            self.start(now);
+            self.go_on(now);
         }
         while self.transmit.len() <= TRANSMIT && !self.dead {
             if self.asked {
@@ -327,7 +330,7 @@ impl<M: Machine> Controller<M> {
             settings: &self.memory.settings,
             position: self.place(now),
             origin: self.modal.origin(&self.memory.systems),
-            room: (self.machine.room(), RECEIVE - self.receive.len()),
+            room: (self.machine.room(), RECEIVE - self.waiting()),
             rate: self.machine.rate(now),
             speed: self.rpm,
             spindle: self.spindle,
@@ -433,19 +436,24 @@ impl<M: Machine> Controller<M> {
                 if self.spindle_stopped {
                     self.restore_spindle(now);
                 }
-                self.suspended = Suspended::No;
-                self.state = State::Idle;
-                if let Some(execution) = &mut self.execution
-                    && execution.waits == Some(Wait::Resume)
-                {
-                    execution.waits = None;
-                }
-                self.start(now);
+                self.go_on(now);
             }
             (State::Hold, Suspended::Stopping) => self.resumes = self.abilities.holds_slowly,
             (State::Idle, _) => self.start(now),
             _ => {}
         }
+    }
+
+    /// The hold is over, and so is a pause.
+    fn go_on(&mut self, now: Instant) {
+        self.suspended = Suspended::No;
+        self.state = State::Idle;
+        if let Some(execution) = &mut self.execution
+            && execution.waits == Some(Wait::Resume)
+        {
+            execution.waits = None;
+        }
+        self.start(now);
     }
 
     fn restore_spindle(&mut self, now: Instant) {
@@ -515,6 +523,7 @@ impl<M: Machine> Controller<M> {
                     self.give_up();
                 }
             }
+            (Progress::Homed, _) if self.homing == Homing::No => {}
             (Progress::Homed, _) => {
                 self.state = State::Idle;
                 self.modal.position = self.place(now);

@@ -1,6 +1,6 @@
 //! What no transcript shows: holds, resets, overrides, full buffers, and any bytes at all.
 
-use common::{Board, LATHE};
+use common::{Board, LATHE, answers};
 use proptest::prelude::*;
 use torno_grbl::controller::RECEIVE;
 use torno_grbl::memory::Settings;
@@ -146,27 +146,55 @@ fn after_the_door_the_spindle_gets_four_seconds() {
     assert!(board.says(b"?")[0].starts_with("<Idle|"));
 }
 
-/// How many answers the bytes must get: one for each CR and each LF that is taken and not discarded by a reset.
-fn answers(lines: &[String]) -> usize {
-    lines.iter().filter(|line| *line == "ok" || line.starts_with("error:")).count()
+/// Lines that senders send, and what comes of them.
+const LINES: [&str; 24] = [
+    "G1X1F100\n",
+    "G0X0Y0\n",
+    "G2X1Y1R1F100\n",
+    "G91G1X0.1F50\r\n",
+    "$J=X1F100\n",
+    "M0\n",
+    "M2\n",
+    "M3S500\n",
+    "M5\n",
+    "G4P2\n",
+    "$C\n",
+    "$X\n",
+    "$H\n",
+    "$SLP\n",
+    "$RST=*\n",
+    "$22=1\n",
+    "$20=1\n",
+    "$$\n",
+    "$#\n",
+    "$N0=M0\n",
+    "$N1=G1X5F9\n",
+    "$N0=\n",
+    "G38.2X1F5\n",
+    "\n",
+];
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(10_000))]
+
+    #[test]
+    fn any_bytes_get_one_answer_a_line(
+        parts in prop::collection::vec(
+            prop_oneof![
+                4 => prop::sample::select(&LINES[..]).prop_map(|line| line.as_bytes().to_vec()),
+                4 => prop::sample::select(&answers::MACHINE[..]).prop_map(|byte| vec![byte]),
+                2 => prop::sample::select(&b"?!~\x18\x84\x85\x90\x9e\xa0"[..]).prop_map(|byte| vec![byte]),
+                1 => any::<u8>().prop_map(|byte| vec![byte]),
+                1 => prop::collection::vec(prop::sample::select(&b"GMXYZF$0123.=-\r\n"[..]), 0..200),
+            ],
+            0..60,
+        ),
+    ) {
+        answers::hold(&parts.concat());
+    }
 }
 
 proptest! {
-    #[test]
-    fn any_bytes_get_one_answer_a_line(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
-        // What stops the main loop for good is left out.
-        let stops = [0x18, b'!', 0x84, b'$', b'M', b'm'];
-        let bytes: Vec<u8> = bytes.into_iter().filter(|byte| !stops.contains(byte)).collect();
-        let mut board = Board::new();
-        let (mut ends, mut said) = (0, Vec::new());
-        for byte in bytes {
-            ends += usize::from(matches!(byte, b'\r' | b'\n'));
-            board.send(&[byte]);
-            said.extend(board.said());
-        }
-        prop_assert_eq!(answers(&said), ends);
-    }
-
     #[test]
     fn no_bytes_make_it_panic(
         bytes in prop::collection::vec(prop_oneof![any::<u8>(), prop::sample::select(&b"GXYZ$10\n\n"[..])], 0..400),

@@ -12,6 +12,8 @@ use torno_grbl::memory::{Memory, Settings};
 use torno_grbl::{Abilities, Axes, Spindle};
 use torno_protocol::time::Instant;
 
+pub(crate) mod answers;
+
 /// X and Z move, and the spindle turns one way.
 pub(crate) const LATHE: Abilities =
     Abilities { axes: [true, false, true, false], counterclockwise: false, single_homing: false, holds_slowly: true };
