@@ -145,6 +145,15 @@ fn corpus(name: &str) -> Vec<Vec<u8>> {
             Program::parse(torno::play::DEMONSTRATION.1).unwrap().bytes(),
             b"\x06\x13\x11\x06\x15d\x15o\x18sn\x18mr\x18de\x11".to_vec(),
         ],
+        // A byte from 0xc0 on moves the machine on.
+        "grbl" => texts(&[
+            "$$\n$G\n$I\n$#\n$N0=M0\n$22=1\n$H\n\u{18}$X\n?",
+            "G21G18\nM3S500\nG1X1Z-2F100\nG2X1Y1R1\nG4P1\n!~M0\r\n~M2\n",
+            "$C\nG0X1Y2Z3(comment)\n;rest\n$C\n$J=G91X1F100\n$RST=*\n$SLP\n",
+        ])
+        .into_iter()
+        .map(|text| [&text[..], &[0xc0, 0xc5, b'\n', 0x84, b'~', 0xc5, 0x85, 0xc1, 0xc2, 0xc3, 0x18, 0xc4]].concat())
+        .collect(),
         other => panic!("of what should {other} be made?"),
     }
 }
@@ -342,7 +351,7 @@ macro_rules! entries {
 
 entries! {
     rig_file place scenario_file fault_file program csv variation sweep_rows quantity request to_board from_board trace
-    trace_blocks motion_program servo_commands lathe_bytes gcode plan
+    trace_blocks motion_program servo_commands lathe_bytes grbl gcode plan
 }
 
 #[test]

@@ -28,11 +28,15 @@ use torno_servo::{Language, Limits};
 use torno_trace::rows::{Filter, Wanted};
 use torno_trace::{Damage, Writer, analyser};
 
+/// A GRBL controller on a bench.
+#[path = "../protocol/grbl/tests/common/mod.rs"]
+mod controller;
+
 /// A name, and what holds for all bytes.
 type Entry = (&'static str, fn(&[u8]));
 
 /// All of them. A fuzz target has the same name.
-pub(crate) const ENTRIES: [Entry; 19] = [
+pub(crate) const ENTRIES: [Entry; 20] = [
     ("rig_file", rig_file),
     ("place", place_in_a_rig),
     ("scenario_file", scenario_file),
@@ -50,6 +54,7 @@ pub(crate) const ENTRIES: [Entry; 19] = [
     ("motion_program", motion_program),
     ("servo_commands", servo_commands),
     ("lathe_bytes", lathe_bytes),
+    ("grbl", controller::answers::hold),
     ("gcode", gcode),
     ("plan", plan),
 ];
