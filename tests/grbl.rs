@@ -1,8 +1,12 @@
 //! A rig with a GRBL controller from outside: clients that know nothing of torno.
 
+#![allow(clippy::disallowed_methods, reason = "the banner is measured by the wall clock")]
+
+use std::time::{Duration, Instant};
+
 use serde_json::Value;
 
-use crate::common::{Up, folder, json, output};
+use crate::common::{Pc, Up, folder, json, kill, output};
 use crate::pc_port::pyserial;
 
 /// A sender that waits for each answer, with holds and resets on the way.
@@ -118,4 +122,51 @@ fn lines_that_are_refused_are_told_with_their_numbers() {
     let summary: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(summary["outcome"], "rejected");
     assert_eq!(summary["lines"]["refusals"], serde_json::json!(["error:20 in line 2", "error:33 in line 4"]));
+}
+
+/// Everything up to the end of a line with this beginning.
+fn read_line(pc: &mut Pc, beginning: &str) -> String {
+    loop {
+        let mut line = Vec::new();
+        while line.last() != Some(&b'\n') {
+            line.extend(pc.read(1));
+        }
+        let line = String::from_utf8(line).unwrap();
+        if line.starts_with(beginning) {
+            return line;
+        }
+    }
+}
+
+/// Whoever opens the port has that long to flush it, however fast time passes.
+#[test]
+fn the_banner_comes_300_ms_after_the_opening_at_every_pace_and_a_replay_resets_as_well() {
+    for pace in ["1", "max"] {
+        let folder = folder();
+        let trace = folder.path().join("a.torno");
+        let mut up = Up::start(&["lathe-grbl", "--pace", pace, "--record", trace.to_str().unwrap()]);
+        let mut stored = "";
+        for text in ["FIRST", "SECOND", "THIRD"] {
+            let start = Instant::now();
+            let mut pc = Pc::open(&up.link(), 115_200);
+            read_line(&mut pc, "Grbl 1.1h");
+            assert!(start.elapsed() >= Duration::from_millis(300), "at pace {pace}: {:?}", start.elapsed());
+            // It is a reset, and no new board.
+            pc.write(b"$I\n");
+            assert_eq!(read_line(&mut pc, "[VER:"), format!("[VER:1.1h.20190830:{stored}]\r\n"));
+            read_line(&mut pc, "ok");
+            pc.write(format!("$I={text}\n").as_bytes());
+            read_line(&mut pc, "ok");
+            stored = text;
+            drop(pc);
+        }
+        kill("-INT", up.pid());
+        assert!(up.child.wait().unwrap().success());
+        let told = String::from_utf8(output(&["trace", trace.to_str().unwrap()]).stdout).unwrap();
+        assert_eq!(told.matches("< is reset").count(), 3, "{told}");
+        for driver in [&[][..], &["--processes"]] {
+            let replayed = output(&[&["replay", trace.to_str().unwrap()], driver].concat());
+            assert!(replayed.status.success(), "{}", String::from_utf8_lossy(&replayed.stderr));
+        }
+    }
 }
