@@ -128,12 +128,12 @@ impl Brake {
         }
     }
 
-    /// At [`Pace::Max`]: the silence that a board waits for holds time back, from `frontier` on. Each silence is given
-    /// its own time, however soon it follows on another.
+    /// At [`Pace::Max`]: the silence that a board waits for holds time back, as if `frontier` were still its beginning.
+    /// Each silence is given all of its own time, however soon it follows on another.
     pub fn hold_for_silence(&mut self, silence: Option<Silence>, frontier: Instant) {
         if self.pace == Pace::Max && self.paused.is_none() && silence != self.silence {
             self.silence = silence;
-            self.anchor = silence.map(|_| (wall_now(), frontier));
+            self.anchor = silence.map(|silence| (wall_now(), silence.from.min(frontier)));
         }
     }
 
@@ -263,7 +263,7 @@ mod tests {
         brake.hold_for_silence(silence(10), at(12));
         assert!(brake.limit().silence > at(5_000), "the same silence goes on");
         brake.hold_for_silence(silence(20_000), at(20_001));
-        assert_eq!(brake.anchor.unwrap().1, at(20_001));
+        assert_eq!(brake.anchor.unwrap().1, at(20_000), "all of it");
         brake.hold_for_silence(None, at(30_000));
         assert_eq!(brake.limit().silence, Instant::START);
     }
