@@ -31,4 +31,4 @@ def idle():
 
 wait_for("the end of the job", idle)
 assert sender.alarm_state is None, sender.alarm_state
-print(sender.status)
+assert sender.status["MPos"] == [0.356, 0.0, 1.0], sender.status
