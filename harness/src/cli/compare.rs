@@ -72,7 +72,7 @@ impl Arguments {
         for text in &self.set {
             set(&mut rigs, text)?;
         }
-        let Loaded { name, program, .. } = load_program(self.program.as_deref(), &rigs[0].file)?;
+        let Loaded { name, program, .. } = load_program(self.program.as_deref(), &rigs[0].file, None)?;
         let frames = program.frames.len();
         let mut interrupt = Interrupt::listen()?;
         let [a, b] = rigs;

@@ -40,7 +40,7 @@ use torno::play::{DEMONSTRATION, LINES};
 use torno::recorder::Recorder;
 use torno::rig::file::{DEFAULT, RigFile};
 use torno::text_file::TextError;
-use torno_part::Profile;
+use torno_part::{Place, Profile};
 use torno_protocol::lathe::Program;
 use torno_trace::{Damage, Header, Trace};
 
@@ -219,15 +219,18 @@ struct Loaded {
     asked: Option<Profile>,
 }
 
-/// The program in a file, or the demonstration. G-code is planned for the rig.
-fn load_program(path: Option<&Path>, rig: &RigFile) -> anyhow::Result<Loaded> {
+/// The program in a file, or the demonstration. G-code is planned for the rig; it may call the place where the tool is
+/// at the start something else than the rig does.
+fn load_program(path: Option<&Path>, rig: &RigFile, at: Option<Place>) -> anyhow::Result<Loaded> {
+    let is_gcode = path.is_some_and(is_gcode);
+    anyhow::ensure!(is_gcode || at.is_none(), "--at: frames say nothing of places: expected a program of G-code");
     let Some(path) = path else {
         let (name, text) = DEMONSTRATION;
         return Ok(Loaded { name: name.to_owned(), program: Program::parse(text).context(name)?, asked: None });
     };
     let name = path.display().to_string();
-    if is_gcode(path) {
-        let plan = gcode::plan::load(path, rig)?;
+    if is_gcode {
+        let plan = gcode::plan::load(path, rig, at)?;
         return Ok(Loaded { name, program: plan.program, asked: plan.report.stock.map(|stock| stock.profile) });
     }
     let text = read_program(path)?;
@@ -243,18 +246,20 @@ struct LoadedLines {
     asked: Option<Profile>,
 }
 
-/// The lines in a file, or those of the demonstration. They begin with where the tool stands.
-fn load_lines(path: Option<&Path>, rig: &RigFile) -> anyhow::Result<LoadedLines> {
+/// The lines in a file, or those of the demonstration. They begin with where the tool stands: there, or where the rig
+/// says it does.
+fn load_lines(path: Option<&Path>, rig: &RigFile, at: Option<Place>) -> anyhow::Result<LoadedLines> {
     let (name, text) = match path {
         None => (LINES.0.to_owned(), LINES.1.to_owned()),
         Some(path) => (path.display().to_string(), read_program(path)?),
     };
-    let at = torno::planning::settings(rig, None, Default::default()).map(|settings| settings.start);
-    let first = at.map_or_else(|_| String::new(), |at| format!("G10 L20 P1 X{:.4} Z{:.4}\n", at.x, at.z));
+    let for_rig = torno::planning::settings(rig, at, Default::default()).ok();
+    let at = at.or(for_rig.as_ref().map(|for_rig| for_rig.start));
+    let first = at.map_or_else(String::new, |at| format!("G10 L20 P1 X{:.4} Z{:.4}\n", at.x, at.z));
     if !first.is_empty() {
         say(&format!("before the program, to say where the tool stands: {first}"));
     }
-    let asked = gcode::plan::asked(&text, rig);
+    let asked = for_rig.and_then(|for_rig| gcode::plan::asked(&text, for_rig));
     Ok(LoadedLines { name, job: LineJob::new(&first, &text), asked })
 }
 

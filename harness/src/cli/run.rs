@@ -11,17 +11,18 @@ use torno::pace::Pace;
 use torno::pins::pins;
 use torno::play::{Ended, Play, Played, Progress};
 use torno::report::page::Page;
-use torno::report::{Bar, BoardSummary, Cut, Frames, Lines, Stats, Summary, failures};
+use torno::report::{Bar, BoardSummary, Cut, Frames, Lines, Readout, Stats, Summary, failures};
 use torno::rig::file::RigFile;
 use torno::scenario::seed_text;
 use torno_machines::workpiece::ToolPath;
-use torno_part::Profile;
+use torno_part::{Place, Profile};
 use torno_protocol::lathe::Outcome;
 use torno_protocol::time::Span;
 use torno_text::parse_length;
 use torno_trace::Timescale;
 use tracing::Instrument;
 
+use super::gcode::plan::start;
 use super::options::{Placement, drawing, time, timescale};
 use super::{
     FAILED, INTERRUPTED, Interrupt, Loaded, LoadedLines, OutputFile, load_lines, load_program, load_rig, print_beside,
@@ -35,6 +36,10 @@ pub(super) struct Arguments {
     /// A program: a text file with eight hexadecimal bytes a line, or G-code (.ngc .nc .tap .gcode .cnc .gc), which is
     /// planned first, or sent as it is to a controller that takes it [default: a stepped shaft]
     program: Option<PathBuf>,
+    /// What a program of G-code calls the place where the tool is at the start, in mm, X as a radius [default: what the
+    /// rig's [part] says]
+    #[arg(long, value_name = "X,Z", value_parser = start, allow_hyphen_values = true)]
+    at: Option<Place>,
     /// Virtual seconds per second, or 'max'
     #[arg(long, default_value = "max", value_name = "N|max")]
     pace: Pace,
@@ -109,11 +114,11 @@ impl Arguments {
         program: Option<PathBuf>,
     ) -> anyhow::Result<ExitCode> {
         if file.pc.dialect.counts_characters() {
-            let LoadedLines { name, job, asked } = load_lines(program.as_deref(), &file)?;
+            let LoadedLines { name, job, asked } = load_lines(program.as_deref(), &file, self.at)?;
             return self.play_job(started, rig, file, name, job, asked).await;
         }
         super::plays_frames(&file)?;
-        let Loaded { name, program, asked } = load_program(program.as_deref(), &file)?;
+        let Loaded { name, program, asked } = load_program(program.as_deref(), &file, self.at)?;
         let asked = asked.or_else(|| file.part.as_ref().map(|part| part.asked(&program)));
         self.play_job(started, rig, file, name, FrameJob::new(program), asked).await
     }
@@ -151,7 +156,8 @@ impl Arguments {
         let header = file.header(&rig, seed, Some(&program_name));
         let keep = (report.is_some() || self.pins).then(|| header.clone());
         let recorder = self.record.as_deref().map(|path| start_recording(path, &header)).transpose()?;
-        let total = job.total();
+        let (_, total) = job.reached();
+        let mut readout = Readout::new(&file, J::STATES, self.at);
         let tail = file.margin();
         let rig = file.name.clone();
         let waveforms = vcd.is_some();
@@ -164,8 +170,14 @@ impl Arguments {
         let patience = self.patience;
         let play = Play { pace, faults, waveforms, measure, keep, patience, ..Play::of(file, job, driver) };
 
-        let bar = Bar::new(total, started);
-        let progress = |progress: Progress<'_, J>| bar.update(progress.job.accepted(), Some(progress.now));
+        let bar = Bar::new(J::UNIT, total, started);
+        let progress = |progress: Progress<'_, J>| {
+            if bar.is_hidden() {
+                return;
+            }
+            readout.take(progress.facts);
+            bar.update(progress.job.reached().0, Some(progress.now), &readout.text());
+        };
         let mut played = play.record(recorder, progress, interrupt.received()).await?;
         bar.clear();
         for unfired in &played.unfired {
@@ -203,28 +215,17 @@ impl Arguments {
 
 /// What is told of a job.
 trait Told: Job {
-    /// How much there is of the program.
-    fn total(&self) -> usize;
-
     /// What came of its frames or lines, and what failed.
     fn told(&self) -> (Option<Frames>, Option<Lines>, Vec<String>);
 }
 
 impl Told for FrameJob {
-    fn total(&self) -> usize {
-        self.program.frames.len()
-    }
-
     fn told(&self) -> (Option<Frames>, Option<Lines>, Vec<String>) {
-        (Some(Frames::new(&self.tally, Told::total(self))), None, failures(&self.tally))
+        (Some(Frames::new(&self.tally, self.program.frames.len())), None, failures(&self.tally))
     }
 }
 
 impl Told for LineJob {
-    fn total(&self) -> usize {
-        Self::total(self)
-    }
-
     fn told(&self) -> (Option<Frames>, Option<Lines>, Vec<String>) {
         (None, Some(Lines::new(self)), self.alarm.iter().cloned().collect())
     }

@@ -44,12 +44,13 @@ fn patience(text: &str) -> Result<Span, String> {
 
 impl Arguments {
     pub(super) async fn run(self, started: Instant) -> anyhow::Result<ExitCode> {
-        let Loaded { name: program_name, program, .. } = load_program(Some(&self.program), &load_rig(&self.rig, &[])?)?;
+        let rig = load_rig(&self.rig, &[])?;
+        let Loaded { name: program_name, program, .. } = load_program(Some(&self.program), &rig, None)?;
         let frames = program.frames.len();
         let patience = Duration::from_nanos(self.patience.as_nanos());
         let send = Send { program, port: self.port.clone(), baud: self.baud, patience };
         let mut interrupt = Interrupt::listen()?;
-        let bar = Bar::new(frames, started);
+        let bar = Bar::new("frame", frames, started);
         let mut conversation = Tally::default();
         let run = send.run(&mut conversation, |conversation, reply| {
             if self.json {
@@ -59,7 +60,7 @@ impl Arguments {
                 let line = format!("{:9.3} s  {reply}\n", started.elapsed().as_secs_f64());
                 bar.suspend(|| print(&line)).ok();
             }
-            bar.update(conversation.accepted, None);
+            bar.update(conversation.accepted, None, "");
         });
         let outcome = tokio::select! {
             ended = run => Some(ended?),

@@ -31,6 +31,8 @@ impl FrameJob {
 impl Job for FrameJob {
     type Program = Careful;
 
+    const UNIT: &str = "frame";
+
     fn first(&self) -> Vec<u8> {
         self.program.bytes()
     }
@@ -51,6 +53,10 @@ impl Job for FrameJob {
 
     fn accepted(&self) -> usize {
         self.tally.accepted
+    }
+
+    fn reached(&self) -> (usize, usize) {
+        (self.accepted(), self.program.frames.len())
     }
 
     fn is_over(&self) -> bool {

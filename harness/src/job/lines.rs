@@ -11,6 +11,9 @@ use super::Job;
 /// So many characters may be with the controller and not answered: one fewer than its buffer holds.
 const WINDOW: usize = 127;
 
+/// The states that the controller tells, by their numbers.
+const STATES: &[&str] = &["Idle", "Run", "Hold", "Jog", "Home", "Alarm", "Check", "Door", "Sleep"];
+
 /// A program of lines. Each gets one answer.
 #[derive(Clone, Debug)]
 pub struct LineJob {
@@ -63,6 +66,9 @@ impl LineJob {
 impl Job for LineJob {
     type Program = Counting;
 
+    const UNIT: &str = "line";
+    const STATES: &[&str] = STATES;
+
     fn first(&self) -> Vec<u8> {
         self.lines.iter().flat_map(|line| line.bytes().chain([b'\n'])).collect()
     }
@@ -87,6 +93,10 @@ impl Job for LineJob {
 
     fn accepted(&self) -> usize {
         self.accepted + self.refused.len()
+    }
+
+    fn reached(&self) -> (usize, usize) {
+        (self.accepted().saturating_sub(self.before), self.total() - self.before)
     }
 
     fn is_over(&self) -> bool {

@@ -15,6 +15,12 @@ pub trait Job {
     /// What answers for it in virtual time.
     type Program: Conversation + Send + 'static;
 
+    /// What the program is made of, a word.
+    const UNIT: &'static str;
+
+    /// The states that the board at the PC's port tells, by their numbers, if it is a controller.
+    const STATES: &'static [&'static str] = &[];
+
     /// What it writes at the start.
     fn first(&self) -> Vec<u8>;
 
@@ -29,6 +35,9 @@ pub trait Job {
 
     /// How much of the program has been accepted.
     fn accepted(&self) -> usize;
+
+    /// How much of what the user wrote has been accepted, and how much there is.
+    fn reached(&self) -> (usize, usize);
 
     /// Whether all of it is done, as far as the PC can know.
     fn is_over(&self) -> bool;

@@ -11,16 +11,17 @@ fn drawn(bar: ProgressBar, template: &str) -> ProgressBar {
     bar.with_style(style.progress_chars("━╸─"))
 }
 
-/// A bar that shows how many frames of a program have been executed.
+/// A bar that shows how much of a program has been executed.
 pub struct Bar {
     bar: ProgressBar,
     wall: std::time::Instant,
 }
 
 impl Bar {
-    /// A bar for so many frames. `wall` is when the command started.
-    pub fn new(frames: usize, wall: std::time::Instant) -> Self {
-        let bar = drawn(ProgressBar::new(frames as u64), "frame {pos} of {len} {bar:32.cyan/blue} {msg}");
+    /// A bar for so many frames or lines: `what` they are. `wall` is when the command started.
+    pub fn new(what: &str, total: usize, wall: std::time::Instant) -> Self {
+        let template = format!("{what} {{pos}} of {{len}} {{bar:32.cyan/blue}} {{msg}}");
+        let bar = drawn(ProgressBar::new(total as u64), &template);
         // It ticks in a thread of its own: not for nothing.
         if !bar.is_hidden() {
             bar.enable_steady_tick(Duration::from_millis(250));
@@ -31,7 +32,7 @@ impl Bar {
     /// A bar for so many frames, from now on.
     #[expect(clippy::disallowed_methods, reason = "a bar shows wall time")]
     pub fn of_frames(frames: usize) -> Self {
-        Self::new(frames, std::time::Instant::now())
+        Self::new("frame", frames, std::time::Instant::now())
     }
 
     /// A bar for so many scenarios.
@@ -63,15 +64,20 @@ impl Bar {
         self.bar.set_message(left(done, of, self.wall.elapsed()));
     }
 
-    /// So many frames have been executed by `now`, in virtual time if that is known.
-    pub fn update(&self, executed: usize, now: Option<Instant>) {
+    /// Whether nobody sees it.
+    pub fn is_hidden(&self) -> bool {
+        self.bar.is_hidden()
+    }
+
+    /// So much has been executed by `now`, in virtual time if that is known; `also` comes before the time.
+    pub fn update(&self, executed: usize, now: Option<Instant>, also: &str) {
         if self.bar.is_hidden() {
             return;
         }
         let wall = self.wall.elapsed().as_secs_f64();
         let message = match now {
-            Some(now) => format!("{:.1} s virtual, {wall:.1} s wall", now.as_secs_f64()),
-            None => format!("{wall:.1} s"),
+            Some(now) => format!("{also}{:.1} s virtual, {wall:.1} s wall", now.as_secs_f64()),
+            None => format!("{also}{wall:.1} s"),
         };
         self.bar.set_message(message);
         self.bar.set_position(executed as u64);

@@ -92,12 +92,14 @@ pub(in crate::cli) fn is_gcode(path: &Path) -> bool {
     ENDINGS.iter().any(|known| ending.eq_ignore_ascii_case(known))
 }
 
-/// The plan of the G-code in a file for a rig, with no options. Its warnings are told on standard error.
+/// The plan of the G-code in a file for a rig, with no options but what it calls the place where the tool is at the
+/// start. Its warnings are told on standard error.
 ///
 /// # Errors
 /// What is wrong with it, where it is refused.
-pub(in crate::cli) fn load(path: &Path, file: &RigFile) -> anyhow::Result<Plan> {
-    let reading = Reading::of(path);
+pub(in crate::cli) fn load(path: &Path, file: &RigFile, at: Option<InPlane>) -> anyhow::Result<Plan> {
+    let at = at.map(in_space);
+    let reading = Reading { at, ..Reading::of(path) };
     let plan = Plan::new(&reading, file, &Planning::default(), |_| {})?;
     let told = plan.told(&reading);
     if plan.is_refused() {
@@ -108,9 +110,8 @@ pub(in crate::cli) fn load(path: &Path, file: &RigFile) -> anyhow::Result<Plan> 
 }
 
 /// What lines for a controller ask for on a rig: the bar, as their path cuts it. None, if they cannot be planned.
-pub(in crate::cli) fn asked(text: &str, file: &RigFile) -> Option<Profile> {
-    let for_rig = planning::settings(file, None, Side::Middle).ok()?;
-    let start = Place { x: for_rig.start.x, z: for_rig.start.z, ..Place::default() };
+pub(in crate::cli) fn asked(text: &str, for_rig: torno_planner::Settings) -> Option<Profile> {
+    let start = in_space(for_rig.start);
     let settings = Settings { dialect: Some(Dialect::LinuxCnc), start, home: start, ..Settings::default() };
     let mut planner = Planner::new(for_rig);
     let mut interpreter = Interpreter::new(&settings);
@@ -127,6 +128,20 @@ pub(in crate::cli) fn asked(text: &str, file: &RigFile) -> Option<Profile> {
     (!outcome.is_refused()).then_some(profile)
 }
 
+/// What a program calls the place where the tool is at the start, as an option says it.
+pub(in crate::cli) fn start(text: &str) -> Result<InPlane, String> {
+    place(text).map(in_plane)
+}
+
+fn in_plane(Place { x, z, .. }: Place) -> InPlane {
+    InPlane { z, x }
+}
+
+/// A place of the tool as the interpreter has it.
+fn in_space(InPlane { z, x }: InPlane) -> Place {
+    Place { x, z, ..Place::default() }
+}
+
 impl Planning {
     /// The rig that was asked for.
     pub(super) fn rig(&self) -> anyhow::Result<RigFile> {
@@ -135,7 +150,7 @@ impl Planning {
 
     /// How a program is interpreted that calls the place where the tool is at the start so.
     pub(super) fn settings(&self, reading: &Reading, start: InPlane) -> Settings {
-        let start = Place { x: start.x, z: start.z, ..Place::default() };
+        let start = in_space(start);
         Settings { start, home: self.park.unwrap_or(start), ..reading.settings() }
     }
 }
@@ -363,7 +378,8 @@ pub(super) async fn play(
 ) -> anyhow::Result<Option<Played>> {
     let bar = Bar::of_frames(program.frames.len());
     let play = Play::new(file.clone(), program.clone(), Driver::InProcess);
-    let progress = |progress: torno::play::Progress<'_>| bar.update(progress.job.tally.accepted, Some(progress.now));
+    let progress =
+        |progress: torno::play::Progress<'_>| bar.update(progress.job.tally.accepted, Some(progress.now), "");
     let played = play.record(None, progress, interrupt.received()).await?;
     bar.clear();
     Ok((played.ended != Ended::Interrupted).then_some(played))
@@ -372,7 +388,7 @@ pub(super) async fn play(
 impl Reading {
     /// What the program calls the place where the tool is at the start, if that is said.
     pub(super) fn start(&self) -> Option<InPlane> {
-        self.at.map(|Place { x, z, .. }| InPlane { z, x })
+        self.at.map(in_plane)
     }
 
     /// A file, with no options.
