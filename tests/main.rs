@@ -21,6 +21,8 @@ mod faults;
 mod foreign;
 mod gcode;
 mod grbl;
+mod grbl_port;
+mod grbl_run;
 mod hostile;
 mod identify;
 mod imports;

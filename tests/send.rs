@@ -5,6 +5,7 @@
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
 use std::thread;
 
 use crate::common::clients::*;
@@ -28,28 +29,33 @@ fn pty() -> (File, PathBuf) {
     (master.into(), path)
 }
 
+/// What a command comes to whose standard error is a terminal, and what that shows.
+pub(crate) fn on_a_terminal(mut command: Command) -> (Output, String) {
+    let (master, path) = pty();
+    command.env("TERM", "xterm").stderr(File::options().read(true).write(true).open(path).unwrap());
+    let screen = thread::spawn(move || {
+        let mut shown = Vec::new();
+        (&master).read_to_end(&mut shown).ok();
+        String::from_utf8_lossy(&shown).into_owned()
+    });
+    let output = command.output().unwrap();
+    // It holds the last descriptor of the terminal: with it, the reading ends.
+    drop(command);
+    (output, screen.join().unwrap())
+}
+
 /// What `torno send` of a frame at rest writes to standard output, and to standard error if that is a terminal.
 fn sent_from(up: &Up, more: &[&str], stderr_is_a_terminal: bool) -> (String, String) {
     let folder = folder();
     let (program, port) = (program(folder.path(), &[AT_REST]), up.link());
     let arguments = ["send", program.to_str().unwrap(), "--port", port.to_str().unwrap()];
     let mut command = torno(&[&arguments, more].concat());
-    let mut screen = None;
-    if stderr_is_a_terminal {
-        let (master, path) = pty();
-        command.env("TERM", "xterm").stderr(File::options().read(true).write(true).open(path).unwrap());
-        screen = Some(thread::spawn(move || {
-            let mut shown = Vec::new();
-            (&master).read_to_end(&mut shown).ok();
-            String::from_utf8_lossy(&shown).into_owned()
-        }));
-    }
-    let output = command.output().unwrap();
-    // It holds the last descriptor of the terminal: with it, the reading ends.
-    drop(command);
-    let shown = match screen {
-        Some(screen) => screen.join().unwrap(),
-        None => String::from_utf8(output.stderr).unwrap(),
+    let (output, shown) = if stderr_is_a_terminal {
+        on_a_terminal(command)
+    } else {
+        let output = command.output().unwrap();
+        let shown = String::from_utf8_lossy(&output.stderr).into_owned();
+        (output, shown)
     };
     (String::from_utf8(output.stdout).unwrap(), shown)
 }
