@@ -102,13 +102,15 @@ impl Ticks {
     pub fn new(origin: Instant, rate: Rate, clock: Clock) -> Self {
         let nanos = GIGA * GIGA * u128::from(rate.seconds);
         let ticks = u128::from(rate.per) * clock.giga();
-        let divisor = gcd(nanos, ticks);
-        Self { origin, nanos: nanos / divisor, ticks: ticks / divisor }
+        Self::reduced(origin, nanos, ticks)
     }
 
     /// Ticks of which `per` take `nanos` nanoseconds, the first one at `origin`. Zeros are taken as one.
     pub fn every(origin: Instant, nanos: u64, per: u64) -> Self {
-        let (nanos, ticks) = (u128::from(nanos.max(1)), u128::from(per.max(1)));
+        Self::reduced(origin, nanos.max(1).into(), per.max(1).into())
+    }
+
+    const fn reduced(origin: Instant, nanos: u128, ticks: u128) -> Self {
         let divisor = gcd(nanos, ticks);
         Self { origin, nanos: nanos / divisor, ticks: ticks / divisor }
     }
@@ -160,7 +162,8 @@ fn rounded(dividend: u64, divisor: u64) -> u64 {
     if dividend % divisor >= divisor.div_ceil(2) { quotient + 1 } else { quotient }
 }
 
-const fn gcd(mut a: u128, mut b: u128) -> u128 {
+/// The greatest common divisor.
+pub const fn gcd(mut a: u128, mut b: u128) -> u128 {
     while b != 0 {
         (a, b) = (b, a % b);
     }
