@@ -15,7 +15,7 @@ struct Crate {
     may_use: &'static [&'static str],
 }
 
-const CRATES: [Crate; 19] = [
+const CRATES: [Crate; 20] = [
     Crate { folder: "protocol", pure: true, may_use: &[] },
     Crate { folder: "protocol/gcode", pure: true, may_use: &[] },
     Crate { folder: "protocol/grbl", pure: true, may_use: &["protocol"] },
@@ -24,6 +24,7 @@ const CRATES: [Crate; 19] = [
     Crate { folder: "protocol/planner", pure: true, may_use: &["protocol", "gcode", "part"] },
     Crate { folder: "master", pure: true, may_use: &["protocol"] },
     Crate { folder: "slaves", pure: true, may_use: &["protocol"] },
+    Crate { folder: "slaves/stepper", pure: true, may_use: &["protocol"] },
     Crate { folder: "master/dspic", pure: true, may_use: &["protocol", "master", "slaves"] },
     Crate { folder: "master/grbl", pure: true, may_use: &["protocol", "gcode", "grbl", "planner"] },
     Crate { folder: "harness/text", pure: true, may_use: &["protocol"] },
