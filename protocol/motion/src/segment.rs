@@ -21,7 +21,7 @@ pub struct Period {
 pub struct Train {
     /// The first pulse.
     pub first: Instant,
-    /// From a pulse to the next. With fewer than two pulses, what it would be at the axis's speed; 0 if the axis stands.
+    /// From a pulse to the next. With fewer than two pulses, what it would be at the axis's speed; 0 if it stands.
     pub period: Period,
     /// How many pulses there are.
     pub count: u32,

@@ -1,9 +1,9 @@
 //! The firmware's step timer, which makes each motion a little slower than planned.
 //!
-//! It counts the 16 MHz of an ATmega328P from 0 to a limit, the limit included, so that each tick is a cycle longer than
-//! was reckoned. Slow steps are divided into 2, 4 or 8 ticks, so that there are more than 8000 ticks a second. At 25
-//! mm/s and 250 steps/mm a step takes 2562 cycles in place of 2560: in the recordings of the firmware a cruise is 0.08 %
-//! slower than asked, which is 1 mm in a minute.
+//! It counts the 16 MHz of an ATmega328P from 0 to a limit, the limit included, so that each tick is a cycle longer
+//! than was reckoned. Slow steps are divided into 2, 4 or 8 ticks, so that there are more than 8000 ticks a second.
+//! At 25 mm/s and 250 steps/mm a step takes 2562 cycles in place of 2560: in the recordings of the firmware a cruise is
+//! 0.08 % slower than asked, which is 1 mm in a minute.
 
 /// Cycles in a second.
 const CLOCK: f64 = 16e6;
