@@ -4,20 +4,19 @@ use std::collections::VecDeque;
 
 use torno_grbl::Abilities;
 use torno_grbl::controller::Controller;
+use torno_grbl::memory::Memory;
 use torno_grbl::state::State;
-use torno_protocol::board::{Board, Capability, Deadline, Description, Input, Output, Role, Signal, Stimulus};
+use torno_protocol::board::{self, Capability, Deadline, Description, Input, Output, Pin, Role, Signal, Stimulus};
 use torno_protocol::clock::{Clock, Rate};
-use torno_protocol::lathe;
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::{Character, Receiver, Transmitter};
 
 use crate::lathe::Lathe;
 use crate::settings::GrblSettings;
+use crate::wired::{EVENTS, Wired};
 
 /// The PC's port.
 const USB: u8 = 0;
-/// The machine's port.
-const MACHINE: u8 = 1;
 /// The speed of the PC's line.
 const USB_RATE: Rate = Rate::hz(115_200);
 /// X and Z move; the main motor turns one way.
@@ -33,20 +32,22 @@ enum Event {
 }
 
 impl Event {
-    const TEXTS: [&str; 3] =
+    const TEXTS: [&str; EVENTS as usize] =
         ["the receive buffer is full: {} is lost", "{} comes before the banner and is lost", "line error on port {}"];
 }
 
-/// The board.
+/// The board in front of the lathe's master.
+pub type Grbl = Board<Lathe>;
+
+/// The board, with the machine that it is wired to.
 #[derive(Clone, Debug)]
-pub struct Grbl {
+pub struct Board<M> {
     clock: Clock,
     boot: Span,
     /// It says who it is then, and hears nothing before.
     boots_until: Option<Instant>,
-    controller: Controller<Lathe>,
+    controller: Controller<M>,
     usb: Transmitter,
-    machine: Transmitter,
     state: State,
     /// The instant of the last call.
     now: Instant,
@@ -54,26 +55,36 @@ pub struct Grbl {
 }
 
 impl Grbl {
-    /// The board as at power-on.
+    /// The board as at power-on. The settings must have been [checked](GrblSettings::check).
     pub fn new(settings: &GrblSettings, clock: Clock) -> Self {
         let boot = Span::from_millis(u64::from(settings.boot_ms));
+        Self::wired(boot, settings.memory(), ABILITIES, Lathe::new(settings, clock), clock)
+    }
+}
+
+impl<M: Wired> Board<M> {
+    /// The board as at power-on, in front of a machine. The time from a reset to the banner is `boot`.
+    pub fn wired(boot: Span, memory: Memory, abilities: Abilities, machine: M, clock: Clock) -> Self {
         Self {
             clock,
             boot,
             boots_until: Some(Instant::START + clock.span(boot)),
-            controller: Controller::new(settings.memory(), ABILITIES, Lathe::new(settings)),
+            controller: Controller::new(memory, abilities, machine),
             usb: Transmitter::hardware(USB_RATE, clock),
-            machine: Transmitter::hardware(lathe::RATE, clock),
             state: State::Idle,
             now: Instant::START,
             outputs: VecDeque::new(),
         }
     }
 
+    /// The controller.
+    pub const fn controller(&self) -> &Controller<M> {
+        &self.controller
+    }
+
     fn restart(&mut self, now: Instant) {
         self.usb.clear();
-        self.machine.clear();
-        self.outputs.extend([USB, MACHINE].map(|port| Output::Cut { port }));
+        self.outputs.push_back(Output::Cut { port: USB });
         self.controller.machine_mut().restart(now);
         self.boots_until = Some(now + self.clock.span(self.boot));
     }
@@ -91,7 +102,7 @@ impl Grbl {
                     self.event(Event::Lost, byte);
                 }
             }
-            _ => self.controller.machine_mut().hear(now, byte),
+            _ => self.controller.machine_mut().hear(now, port, byte),
         }
     }
 
@@ -120,13 +131,11 @@ impl Grbl {
             }
         }
         self.feed_usb(now);
-        while let Some(byte) = self.controller.machine_mut().poll_byte() {
-            self.machine.push(byte);
+        if let Some(loaded) = self.usb.load(now) {
+            self.outputs.push_back(Output::Character { port: USB, edges: loaded.edges, end: loaded.end });
         }
-        for (port, transmitter) in [(USB, &mut self.usb), (MACHINE, &mut self.machine)] {
-            if let Some(loaded) = transmitter.load(now) {
-                self.outputs.push_back(Output::Character { port, edges: loaded.edges, end: loaded.end });
-            }
+        while let Some(output) = self.controller.machine_mut().poll_output(now) {
+            self.outputs.push_back(output);
         }
         self.feed_usb(now);
         let state = self.controller.state();
@@ -137,29 +146,40 @@ impl Grbl {
     }
 }
 
-impl Board for Grbl {
+impl<M: Wired> board::Board for Board<M> {
     fn description(&self) -> Description {
-        Description {
-            ports: vec!["usb".to_owned(), "machine".to_owned()],
+        let mut description = Description {
+            ports: vec!["usb".to_owned()],
             signals: vec![Signal::new("state", State::Idle as i64).with_role(Role::State)],
             events: Event::TEXTS.map(str::to_owned).to_vec(),
             capabilities: vec![Capability::Reset],
             ..Description::default()
-        }
+        };
+        self.controller.machine().describe(&mut description);
+        description
     }
 
     fn receivers(&self) -> Vec<Receiver> {
-        vec![Receiver::hardware(USB_RATE, self.clock), Receiver::hardware(lathe::RATE, self.clock)]
+        let mut receivers = vec![Receiver::hardware(USB_RATE, self.clock)];
+        receivers.extend(self.controller.machine().receivers());
+        receivers
     }
 
     fn handle_input(&mut self, now: Instant, input: Input) {
         match input {
             Input::Character { port, character } => self.hear(now, port, character),
-            Input::Stimulus(Stimulus::Reset | Stimulus::Power(_)) => self.restart(now),
+            Input::Stimulus(Stimulus::Reset) => self.restart(now),
+            Input::Stimulus(Stimulus::Power(on)) => {
+                self.restart(now);
+                self.controller.machine_mut().power(now, on);
+            }
             Input::Stimulus(Stimulus::Clock(clock)) => {
                 self.clock = clock;
                 self.usb.retune(USB_RATE, clock);
-                self.machine.retune(lathe::RATE, clock);
+                self.controller.machine_mut().retune(clock);
+            }
+            Input::Stimulus(Stimulus::Motor { motor, what }) => {
+                self.controller.machine_mut().disturb(now, motor, what);
             }
             Input::Stimulus(_) => {}
         }
@@ -179,9 +199,8 @@ impl Board for Grbl {
         let all = [
             at(self.boots_until, "the banner"),
             at(self.controller.poll_timeout(), "a line goes on"),
-            at(self.controller.machine().poll_timeout(self.now), "the machine may be told"),
+            self.controller.machine().poll_timeout(self.now),
             at(self.usb.poll_timeout(), "the next character to the PC"),
-            at(self.machine.poll_timeout(), "the next character to the machine"),
         ];
         all.into_iter().flatten().min_by_key(|deadline| deadline.at)
     }
@@ -189,5 +208,13 @@ impl Board for Grbl {
     /// Whoever has opened the port is to have the time to flush it before the banner comes.
     fn silence(&self) -> Option<Instant> {
         self.boots_until
+    }
+
+    fn watch_pins(&mut self) {
+        self.controller.machine_mut().watch_pins();
+    }
+
+    fn pins(&mut self, until: Instant) -> Vec<Pin> {
+        self.controller.machine_mut().pins(until)
     }
 }

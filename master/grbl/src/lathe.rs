@@ -8,12 +8,16 @@ use torno_grbl::machine::{Machine, Move, Overrides, Progress};
 use torno_grbl::memory::Settings;
 use torno_grbl::{Axes, Rate, Spindle};
 use torno_planner::{Planner, Scale, Side, Standing};
+use torno_protocol::board::{Deadline, Description, Output};
+use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{
-    CHARACTER, FRAME_GAP, Fault, Frame, Party, Reply, ReplyDecoder, Slave, TransverseSubFrame,
+    self, CHARACTER, FRAME_GAP, Fault, Frame, Party, Reply, ReplyDecoder, Slave, TransverseSubFrame,
 };
 use torno_protocol::time::{Instant, Span};
+use torno_protocol::uart::{Receiver, Transmitter};
 
 use crate::settings::GrblSettings;
+use crate::wired::{PORTS, Wired};
 
 /// X, Y, Z.
 const X: usize = 0;
@@ -71,9 +75,9 @@ struct Flight {
     failed: bool,
 }
 
-/// The lathe.
+/// The lathe, behind its master.
 #[derive(Clone, Debug)]
-pub(crate) struct Lathe {
+pub struct Lathe {
     scale: Scale,
     blocks: usize,
     /// What the homed axes go back, mm.
@@ -102,12 +106,16 @@ pub(crate) struct Lathe {
     quiet_until: Instant,
     ends: Axes<bool>,
     replies: ReplyDecoder,
-    to_send: VecDeque<u8>,
+    /// To the master, with the receiver's clock.
+    clock: Clock,
+    transmitter: Transmitter,
+    /// Its line goes idle.
+    cut: bool,
     progress: VecDeque<Progress>,
 }
 
 impl Lathe {
-    pub(crate) fn new(settings: &GrblSettings) -> Self {
+    pub(crate) fn new(settings: &GrblSettings, clock: Clock) -> Self {
         let scale = settings.scale();
         let seconds = |s: f64| Span::from_nanos((s * 1e9) as u64);
         Self {
@@ -132,52 +140,15 @@ impl Lathe {
             quiet_until: Instant::START,
             ends: Axes::default(),
             replies: ReplyDecoder::default(),
-            to_send: VecDeque::new(),
+            clock,
+            transmitter: Transmitter::hardware(lathe::RATE, clock),
+            cut: false,
             progress: VecDeque::new(),
-        }
-    }
-
-    /// The board restarts: nothing of it knows where the machine is.
-    pub(crate) fn restart(&mut self, now: Instant) {
-        self.forget(now);
-        self.flight = None;
-        self.zero = [self.at.slot, self.at.count];
-        self.replies = ReplyDecoder::default();
-        self.to_send.clear();
-        self.progress.clear();
-        (self.spindle, self.told) = (0, 0);
-        self.quiet_until = now + FRAME_GAP;
-        self.replan();
-    }
-
-    /// Takes the next byte for the master.
-    pub(crate) fn poll_byte(&mut self) -> Option<u8> {
-        self.to_send.pop_front()
-    }
-
-    /// When [`step`](Self::step) is to be called.
-    pub(crate) fn poll_timeout(&self, now: Instant) -> Option<Instant> {
-        match &self.flight {
-            Some(flight) => Some(flight.until),
-            None => (self.quiet_until > now && self.has_something()).then_some(self.quiet_until),
         }
     }
 
     fn has_something(&self) -> bool {
         self.mode != Mode::Stands || self.spindle != self.told
-    }
-
-    /// A byte has come from the master.
-    pub(crate) fn hear(&mut self, now: Instant, byte: u8) {
-        for reply in self.replies.push(byte) {
-            match reply {
-                Reply::Xon => self.done(now),
-                Reply::Nak(_) => self.refused(now),
-                Reply::Can(party, fault) => self.failed(now, party, fault),
-                Reply::Ack | Reply::Xoff | Reply::Unknown(_) => {}
-            }
-        }
-        self.step(now);
     }
 
     /// The frame is done, or over.
@@ -270,7 +241,7 @@ impl Lathe {
     }
 
     /// Goes on, if nothing is under way.
-    pub(crate) fn step(&mut self, now: Instant) {
+    fn go_on(&mut self, now: Instant) {
         if let Some(flight) = self.flight.filter(|flight| flight.until <= now) {
             self.gave_no_answer(now, flight);
         }
@@ -407,7 +378,9 @@ impl Lathe {
             return self.fail(Alarm::Aborted);
         };
         self.told = self.spindle;
-        self.to_send.extend(frame.emit());
+        for byte in frame.emit() {
+            self.transmitter.push(byte);
+        }
         let tries = core::mem::take(&mut self.tries);
         let until = now + self.time(way).times(2) + self.patience;
         self.flight = Some(Flight { way, since: now, until, tries, failed: false });
@@ -491,12 +464,12 @@ impl Machine for Lathe {
     fn start(&mut self, now: Instant, overrides: Overrides) {
         self.overrides = overrides;
         self.mode = Mode::Runs;
-        self.step(now);
+        self.go_on(now);
     }
 
     fn hold(&mut self, now: Instant) {
         self.mode = Mode::Holds;
-        self.step(now);
+        self.go_on(now);
     }
 
     fn forget(&mut self, _: Instant) {
@@ -508,7 +481,7 @@ impl Machine for Lathe {
     /// Always both of them: there is no `$HX`.
     fn home(&mut self, now: Instant, _: Axes<bool>) {
         self.mode = Mode::Homes(Homing::Seek(X));
-        self.step(now);
+        self.go_on(now);
     }
 
     fn spindle(&mut self, now: Instant, sense: Spindle, rpm: f32) {
@@ -516,7 +489,7 @@ impl Machine for Lathe {
             Spindle::Off => 0,
             Spindle::Clockwise | Spindle::Counterclockwise => (rpm / RPM).round() as u8,
         };
-        self.step(now);
+        self.go_on(now);
     }
 
     fn override_by(&mut self, _: Instant, overrides: Overrides) {
@@ -546,6 +519,69 @@ impl Machine for Lathe {
 
     fn poll_progress(&mut self) -> Option<Progress> {
         self.progress.pop_front()
+    }
+}
+
+impl Wired for Lathe {
+    fn describe(&self, description: &mut Description) {
+        description.ports.push("machine".to_owned());
+    }
+
+    fn receivers(&self) -> Vec<Receiver> {
+        vec![Receiver::hardware(lathe::RATE, self.clock)]
+    }
+
+    fn restart(&mut self, now: Instant) {
+        self.forget(now);
+        self.flight = None;
+        self.zero = [self.at.slot, self.at.count];
+        self.replies = ReplyDecoder::default();
+        self.transmitter.clear();
+        self.cut = true;
+        self.progress.clear();
+        (self.spindle, self.told) = (0, 0);
+        self.quiet_until = now + FRAME_GAP;
+        self.replan();
+    }
+
+    fn retune(&mut self, clock: Clock) {
+        self.clock = clock;
+        self.transmitter.retune(lathe::RATE, clock);
+    }
+
+    fn hear(&mut self, now: Instant, _: u8, byte: u8) {
+        for reply in self.replies.push(byte) {
+            match reply {
+                Reply::Xon => self.done(now),
+                Reply::Nak(_) => self.refused(now),
+                Reply::Can(party, fault) => self.failed(now, party, fault),
+                Reply::Ack | Reply::Xoff | Reply::Unknown(_) => {}
+            }
+        }
+        self.go_on(now);
+    }
+
+    fn step(&mut self, now: Instant) {
+        self.go_on(now);
+    }
+
+    fn poll_timeout(&self, now: Instant) -> Option<Deadline> {
+        let waits = match &self.flight {
+            Some(flight) => Some(flight.until),
+            None => (self.quiet_until > now && self.has_something()).then_some(self.quiet_until),
+        };
+        let due = waits.map(|at| Deadline { at, why: "the machine may be told" });
+        let next = self.transmitter.poll_timeout();
+        let next = next.map(|at| Deadline { at, why: "the next character to the machine" });
+        due.into_iter().chain(next).min_by_key(|deadline| deadline.at)
+    }
+
+    fn poll_output(&mut self, now: Instant) -> Option<Output> {
+        if core::mem::take(&mut self.cut) {
+            return Some(Output::Cut { port: PORTS });
+        }
+        let loaded = self.transmitter.load(now)?;
+        Some(Output::Character { port: PORTS, edges: loaded.edges, end: loaded.end })
     }
 }
 
