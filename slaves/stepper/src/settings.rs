@@ -219,6 +219,14 @@ impl AxisSettings {
         axis
     }
 
+    /// From one index mark of the encoder to the next, in mm; 0 if there is no loop that could look at it.
+    pub fn index_mm(&self) -> f64 {
+        match self.control.mode {
+            Mode::Open => 0.0,
+            _ => self.encoder.counts_per_index(self.control.sensor) as f64 * self.scale().count_pm() as f64 / 1e9,
+        }
+    }
+
     /// The lengths that follow from the settings.
     pub fn scale(&self) -> Scale {
         let pm = |mm: f64| (libm::round(mm * 1e9) as i64).max(1);
