@@ -209,6 +209,28 @@ pub enum MotorStimulus {
     /// a reset end it. (Ours: the paper's motors were characterised on the bench, by hand.) One that drives in one
     /// sense only takes a negative one for none.
     Drive(i32),
+    /// A constant force on a stepper's carriage in the negative sense, in per mille of the holding torque; in the
+    /// positive one if negative. 0 heals.
+    Push(i32),
+    /// A stepper's rotor slips by so many electrical turns at once.
+    Slip(i32),
+    /// A stepper's drive loses one pulse in so many; 0 heals.
+    Skip(u32),
+    /// A hit bends the mechanism for good: the carriage is so many micrometres from where the motor puts it.
+    Shift(i32),
+    /// The channels of a stepper's encoder are exchanged (`true`), or right again.
+    Swap(bool),
+    /// One channel of a stepper's encoder is dead; none heals.
+    Dead(Option<Channel>),
+}
+
+/// A channel of an encoder.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum Channel {
+    /// A.
+    A,
+    /// B.
+    B,
 }
 
 impl MotorStimulus {
@@ -314,6 +336,9 @@ pub enum Capability {
     Motor,
     /// [`MotorStimulus::Backlash`] and [`MotorStimulus::EndStop`]: the motor drives an axis.
     Axis,
+    /// [`MotorStimulus::Push`], [`MotorStimulus::Slip`], [`MotorStimulus::Skip`], [`MotorStimulus::Shift`],
+    /// [`MotorStimulus::Swap`] and [`MotorStimulus::Dead`]: it is a stepper whose encoder has two channels.
+    Stepper,
 }
 
 /// A quantity in a board's telemetry.

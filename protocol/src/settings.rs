@@ -19,7 +19,7 @@ impl OutOfRange {
     /// The same of a setting in this table.
     #[must_use]
     pub fn within(self, table: &str) -> Self {
-        Self { field: format!("{table}.{}", self.field), ..self }
+        Self { field: format!("{}.{}", plain(table), self.field), ..self }
     }
 }
 
@@ -44,8 +44,13 @@ impl Setting {
     /// The same in this table.
     #[must_use]
     pub fn within(self, table: &str) -> Self {
-        Self { name: format!("{table}.{}", self.name), ..self }
+        Self { name: format!("{}.{}", plain(table), self.name), ..self }
     }
+}
+
+/// A field's name as a rig file has it: one that is a word of Rust's own has a mark in the code.
+fn plain(field: &str) -> &str {
+    field.trim_start_matches("r#")
 }
 
 /// What a setting may be.

@@ -74,7 +74,8 @@ enum Command {
 #[derive(Debug, clap::Args)]
 struct FaultArguments {
     /// What: cut, stuck-low, stuck-high, short, noise, flip, delay, drop, double (lines); crash, hang, reset,
-    /// power-off, brown-out, slow, clock, drift, counts, stall, load, supply, backlash, end-stop (boards)
+    /// power-off, brown-out, slow, clock, drift, counts, stall, load, supply, backlash, end-stop,
+    /// push, slip, skip, shift, swap, dead (boards)
     kind: String,
     /// Which line or board
     place: String,

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use serde::Deserialize;
 use toml::{Spanned, Value};
+use torno_protocol::board::Channel;
 use torno_protocol::clock::Clock;
 use torno_protocol::line::Level;
 use torno_protocol::time::{Instant, Span};
@@ -21,7 +22,7 @@ use torno_text::{Dice, Range as Quantities, Ratio, parse_ratio, parse_span, span
 pub const LINE_KINDS: [&str; 9] =
     ["cut", "stuck-low", "stuck-high", "short", "noise", "flip", "delay", "drop", "double"];
 /// What can happen to a board.
-pub const BOARD_KINDS: [&str; 14] = [
+pub const BOARD_KINDS: [&str; 20] = [
     "crash",
     "hang",
     "reset",
@@ -36,6 +37,12 @@ pub const BOARD_KINDS: [&str; 14] = [
     "supply",
     "backlash",
     "end-stop",
+    "push",
+    "slip",
+    "skip",
+    "shift",
+    "swap",
+    "dead",
 ];
 
 /// The longest pulse of noise, if nothing else is said. (Ours: half a bit at 9600 baud.)
@@ -61,7 +68,8 @@ fn fields_of(kind: &str) -> &'static [&'static str] {
         "flip" => &["nth", "value"],
         "delay" => &["nth", "edge", "value"],
         "drop" | "double" => &["nth"],
-        "slow" | "clock" | "drift" | "counts" | "load" | "supply" | "backlash" | "end-stop" => &["value"],
+        "slow" | "clock" | "drift" | "counts" | "load" | "supply" | "backlash" | "end-stop" | "push" | "slip"
+        | "skip" | "shift" | "dead" => &["value"],
         _ => &[],
     }
 }
@@ -391,6 +399,24 @@ impl RawFault {
                 match self.integer(-10_000_000, 10_000_000, what)? {
                     0 => return Err((self.value(what)?.span(), format!("0 is on neither side: expected {what}"))),
                     counts => BoardFault::EndStop(counts as i32),
+                }
+            }
+            "push" => {
+                let push =
+                    self.ratio(-2_000_000_000, 2_000_000_000, "the share of the holding torque, -200 % to 200 %")?;
+                BoardFault::Push((push / 1_000_000) as i32)
+            }
+            "slip" => BoardFault::Slip(self.integer(-1_000_000, 1_000_000, "so many electrical turns")? as i32),
+            "skip" => BoardFault::Skip(self.integer(1, 1_000_000_000, "in how many pulses one is lost")? as u32),
+            "shift" => BoardFault::Shift(self.integer(-1_000_000, 1_000_000, "so many micrometres")? as i32),
+            "swap" => BoardFault::Swap,
+            "dead" => {
+                let what = "the encoder's channel, \"A\" or \"B\"";
+                let value = self.value(what)?;
+                match text_of(value).as_str() {
+                    "A" => BoardFault::Dead(Channel::A),
+                    "B" => BoardFault::Dead(Channel::B),
+                    found => return Err((value.span(), format!("expected {what}, found '{found}'"))),
                 }
             }
             _ => return Err(self.unknown("board", &BOARD_KINDS)),

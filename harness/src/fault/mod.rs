@@ -10,7 +10,7 @@ pub use faults::{Cause, Faults, HealError, Planned, Trigger, Unfired};
 pub(crate) use file::text_drawn;
 pub use file::{BOARD_KINDS, FaultFile, FaultFileError, LINE_KINDS, RawFault, load, parse};
 
-use torno_protocol::board::{Capability, MotorStimulus, Stimulus};
+use torno_protocol::board::{Capability, Channel, MotorStimulus, Stimulus};
 use torno_protocol::clock::Clock;
 use torno_protocol::time::{Instant, Span};
 
@@ -73,6 +73,18 @@ pub enum BoardFault {
     Backlash(u16),
     /// Something hard in the carriage's way, so many counts from mid-travel.
     EndStop(i32),
+    /// A force pushes a stepper's carriage, in per mille of the holding torque.
+    Push(i32),
+    /// A stepper's rotor slips by so many electrical turns.
+    Slip(i32),
+    /// A stepper's drive loses one pulse in so many.
+    Skip(u32),
+    /// A hit bends a stepper's mechanism for good, by so many micrometres.
+    Shift(i32),
+    /// The channels of a stepper's encoder are exchanged.
+    Swap,
+    /// A channel of a stepper's encoder is dead.
+    Dead(Channel),
 }
 
 /// A fault that has begun.
@@ -117,7 +129,10 @@ impl Drift {
 impl Site {
     /// Whether it happens in an instant: then there is nothing to heal.
     pub const fn is_over_at_once(&self) -> bool {
-        matches!(self, Self::Board(_, _, BoardFault::Reset | BoardFault::Counts(_)))
+        matches!(
+            self,
+            Self::Board(_, _, BoardFault::Reset | BoardFault::Counts(_) | BoardFault::Slip(_) | BoardFault::Shift(_))
+        )
     }
 }
 
@@ -220,6 +235,9 @@ impl BoardFault {
             Self::Reset => Some(Capability::Reset),
             Self::Counts(_) | Self::Stall | Self::Load(_) | Self::Supply(_) => Some(Capability::Motor),
             Self::Backlash(_) | Self::EndStop(_) => Some(Capability::Axis),
+            Self::Push(_) | Self::Slip(_) | Self::Skip(_) | Self::Shift(_) | Self::Swap | Self::Dead(_) => {
+                Some(Capability::Stepper)
+            }
             Self::Crash | Self::Hang | Self::PowerOff | Self::Slow(_) | Self::Clock(_) | Self::Drift(_) => None,
         }
     }
@@ -245,6 +263,14 @@ impl BoardFault {
             }
             Self::EndStop(counts) => {
                 (MotorStimulus::EndStop(counts).of(motor), vec![MotorStimulus::EndStop(0).of(motor)])
+            }
+            Self::Push(push) => (MotorStimulus::Push(push).of(motor), vec![MotorStimulus::Push(0).of(motor)]),
+            Self::Slip(turns) => (MotorStimulus::Slip(turns).of(motor), vec![]),
+            Self::Skip(every) => (MotorStimulus::Skip(every).of(motor), vec![MotorStimulus::Skip(0).of(motor)]),
+            Self::Shift(um) => (MotorStimulus::Shift(um).of(motor), vec![]),
+            Self::Swap => (MotorStimulus::Swap(true).of(motor), vec![MotorStimulus::Swap(false).of(motor)]),
+            Self::Dead(channel) => {
+                (MotorStimulus::Dead(Some(channel)).of(motor), vec![MotorStimulus::Dead(None).of(motor)])
             }
         };
         (Some(begin), cure)

@@ -84,6 +84,8 @@ pub enum Alarm {
     ProbeContact = 5,
     /// Reset during homing.
     HomingReset = 6,
+    /// Homing has not found an end.
+    NoEnd = 9,
 }
 
 impl Alarm {
