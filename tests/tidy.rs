@@ -15,7 +15,7 @@ struct Crate {
     may_use: &'static [&'static str],
 }
 
-const CRATES: [Crate; 20] = [
+const CRATES: [Crate; 21] = [
     Crate { folder: "protocol", pure: true, may_use: &[] },
     Crate { folder: "protocol/gcode", pure: true, may_use: &[] },
     Crate { folder: "protocol/grbl", pure: true, may_use: &["protocol"] },
@@ -26,6 +26,7 @@ const CRATES: [Crate; 20] = [
     Crate { folder: "slaves", pure: true, may_use: &["protocol"] },
     Crate { folder: "slaves/stepper", pure: true, may_use: &["protocol"] },
     Crate { folder: "master/dspic", pure: true, may_use: &["protocol", "master", "slaves"] },
+    Crate { folder: "master/engraver", pure: true, may_use: &["protocol", "grbl", "motion", "grbl-board", "stepper"] },
     Crate { folder: "master/grbl", pure: true, may_use: &["protocol", "gcode", "grbl", "planner"] },
     Crate { folder: "harness/text", pure: true, may_use: &["protocol"] },
     Crate { folder: "harness/engine", pure: true, may_use: &["protocol"] },
@@ -48,6 +49,7 @@ const CRATES: [Crate; 20] = [
             "slaves",
             "dspic",
             "grbl-board",
+            "engraver",
             "part",
             "planner",
             "servo",
