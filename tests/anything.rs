@@ -19,7 +19,7 @@ use torno_protocol::record::{self, FromBoard, Grant, Heard, Report, Setup, ToBoa
 use torno_protocol::servo::Command;
 use torno_protocol::time::{Instant, Span};
 
-use crate::common::play::block_on;
+use crate::common::play::{DEMONSTRATION, block_on};
 use crate::foreign::{ENTRIES, run};
 
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
@@ -142,7 +142,7 @@ fn corpus(name: &str) -> Vec<Vec<u8>> {
             Command::Download((0..60).map(|n| n - 30).collect()).emit(),
         ],
         "lathe_bytes" => vec![
-            Program::parse(torno::play::DEMONSTRATION.1).unwrap().bytes(),
+            Program::parse(DEMONSTRATION).unwrap().bytes(),
             b"\x06\x13\x11\x06\x15d\x15o\x18sn\x18mr\x18de\x11".to_vec(),
         ],
         // A byte from 0xc0 on moves the machine on.

@@ -3,9 +3,10 @@
 use std::fs;
 use std::path::Path;
 
+use crate::common::play::DEMONSTRATION;
 use crate::common::{folder, json, output};
 use serde_json::Value;
-use torno::play::{DEMONSTRATION, Play};
+use torno::play::Play;
 use torno::rig::Driver;
 use torno::rig::file::RigFile;
 use torno_bus::PcEvent;
@@ -83,7 +84,7 @@ fn stations(rig: &str, program: &str) -> (Vec<[i64; 2]>, Vec<i64>) {
 
 #[test]
 fn the_same_programs_give_the_same_part() {
-    for (program, frames) in [(DEMONSTRATION.1, 30), (TAPER, 6), (ODD, 5)] {
+    for (program, frames) in [(DEMONSTRATION, 30), (TAPER, 6), (ODD, 5)] {
         let ((four, four_speeds), (one, one_speeds)) = (stations("lathe", program), stations("lathe-dspic", program));
         assert_eq!((four.len(), one.len()), (frames + 1, frames + 1));
         assert_eq!(four_speeds, one_speeds);

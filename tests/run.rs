@@ -12,7 +12,6 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde_json::Value;
 use torno::job::Careful;
-use torno::play::DEMONSTRATION;
 use torno::rig::file::RigFile;
 use torno::rig::{Driver, Rig};
 use torno_bus::PcUart;
@@ -191,7 +190,7 @@ fn the_digest_is_the_same_while_all_cores_are_busy() {
 fn another_program_has_another_digest() {
     let folder = folder();
     let path = folder.path().join("other.frames");
-    std::fs::write(&path, DEMONSTRATION.1.replacen("4B 46 46 50", "4B 46 46 51", 1)).unwrap();
+    std::fs::write(&path, DEMONSTRATION.replacen("4B 46 46 50", "4B 46 46 51", 1)).unwrap();
     assert_ne!(digest(&[path.to_str().unwrap()]), digest(&[]));
 }
 

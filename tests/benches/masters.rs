@@ -7,7 +7,6 @@
 use std::time::{Duration, Instant as WallInstant};
 
 use torno::job::Careful;
-use torno::play::DEMONSTRATION;
 use torno::rig::file::RigFile;
 use torno_engine::{End, Engine, Limit, NodeId};
 use torno_machines::kinds::{self, Steps};
@@ -53,7 +52,7 @@ pub(crate) fn all_at_work(masters: usize) -> Cost {
     }
     let first = engine.catch_up(Instant::START.next());
     give(&mut engine, &mut steppers, first);
-    let program = Program::parse(DEMONSTRATION.1).unwrap();
+    let program = Program::parse(include_str!("../../harness/builtin/shaft.frames")).unwrap();
     let mut at = Instant::START + Span::from_millis(10);
     for pc in pcs {
         engine.stimulate(pc, at, Stimulus::Write(program.bytes()));

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use torno::fault::{self, Planned};
-use torno::play::{DEMONSTRATION, Play, Played};
+use torno::play::{Play, Played};
 use torno::rig::Driver;
 use torno::rig::file::RigFile;
 use torno_protocol::lathe::Program;
@@ -39,8 +39,11 @@ pub(crate) fn seconds(seconds: f64) -> Instant {
     Instant::from_nanos((seconds * SECOND as f64) as u64)
 }
 
+/// What the lathe plays where no program is named.
+pub(crate) const DEMONSTRATION: &str = include_str!("../../harness/builtin/shaft.frames");
+
 pub(crate) fn demonstration() -> Program {
-    Program::parse(DEMONSTRATION.1).unwrap()
+    Program::parse(DEMONSTRATION).unwrap()
 }
 
 /// The faults of a file.

@@ -3,6 +3,7 @@
 
 #[cfg(feature = "echo")]
 mod echo;
+mod engraver;
 mod grbl;
 pub mod kinds;
 mod lathe;
@@ -25,6 +26,8 @@ pub struct Machine {
     kinds: &'static [Kind],
     /// What is said on its lines.
     dialect: &'static dyn Dialect,
+    /// What a rig of it plays where no program is named: name and text.
+    program: Option<(&'static str, &'static str)>,
     /// The rigs that are built in: name and text.
     rigs: &'static [(&'static str, &'static str)],
 }
@@ -34,6 +37,7 @@ const MACHINES: &[&Machine] = &[
     &lathe::MACHINE,
     &servo::MACHINE,
     &grbl::MACHINE,
+    &engraver::MACHINE,
     #[cfg(feature = "echo")]
     &echo::MACHINE,
 ];
@@ -45,7 +49,15 @@ pub fn dialect(name: &str) -> Option<&'static dyn Dialect> {
 
 /// The names of all dialects.
 pub fn dialect_names() -> Vec<&'static str> {
-    MACHINES.iter().map(|machine| machine.dialect.name()).collect()
+    let mut names: Vec<&str> = MACHINES.iter().map(|machine| machine.dialect.name()).collect();
+    // Machines that speak alike stand together.
+    names.dedup();
+    names
+}
+
+/// What a rig plays where no program is named, if a board of this kind is at the PC's port: name and text.
+pub fn program(kind: &str) -> Option<(&'static str, &'static str)> {
+    MACHINES.iter().find(|machine| machine.kinds.iter().any(|known| known.name == kind))?.program
 }
 
 /// The rigs that are built in: name and text.

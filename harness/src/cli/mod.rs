@@ -36,7 +36,6 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 use torno::job::LineJob;
 use torno::observe::log;
 use torno::observe::stderr::{self, say};
-use torno::play::{DEMONSTRATION, LINES};
 use torno::recorder::Recorder;
 use torno::rig::file::{DEFAULT, RigFile};
 use torno::text_file::TextError;
@@ -225,7 +224,7 @@ fn load_program(path: Option<&Path>, rig: &RigFile, at: Option<Place>) -> anyhow
     let is_gcode = path.is_some_and(is_gcode);
     anyhow::ensure!(is_gcode || at.is_none(), "--at: frames say nothing of places: expected a program of G-code");
     let Some(path) = path else {
-        let (name, text) = DEMONSTRATION;
+        let (name, text) = demonstration(rig)?;
         return Ok(Loaded { name: name.to_owned(), program: Program::parse(text).context(name)?, asked: None });
     };
     let name = path.display().to_string();
@@ -250,7 +249,7 @@ struct LoadedLines {
 /// says it does.
 fn load_lines(path: Option<&Path>, rig: &RigFile, at: Option<Place>) -> anyhow::Result<LoadedLines> {
     let (name, text) = match path {
-        None => (LINES.0.to_owned(), LINES.1.to_owned()),
+        None => demonstration(rig).map(|(name, text)| (name.to_owned(), text.to_owned()))?,
         Some(path) => (path.display().to_string(), read_program(path)?),
     };
     let for_rig = torno::planning::settings(rig, at, Default::default()).ok();
@@ -261,6 +260,13 @@ fn load_lines(path: Option<&Path>, rig: &RigFile, at: Option<Place>) -> anyhow::
     }
     let asked = for_rig.and_then(|for_rig| gcode::plan::asked(&text, for_rig));
     Ok(LoadedLines { name, job: LineJob::new(&first, &text), asked })
+}
+
+/// What a rig plays where no program is named.
+fn demonstration(rig: &RigFile) -> anyhow::Result<(&'static str, &'static str)> {
+    let kind = &rig.boards[rig.pc.to.0].kind;
+    torno_machines::program(kind)
+        .with_context(|| format!("a board of kind '{kind}' has no program of its own: expected a program"))
 }
 
 /// The text of a program.

@@ -7,5 +7,9 @@ mod dialect;
 use crate::Machine;
 
 /// The machine.
-pub(crate) const MACHINE: Machine =
-    Machine { kinds: &[board::KIND], dialect: &dialect::Echo, rigs: &[("echo", include_str!("echo.toml"))] };
+pub(crate) const MACHINE: Machine = Machine {
+    kinds: &[board::KIND],
+    dialect: &dialect::Echo,
+    program: None,
+    rigs: &[("echo", include_str!("echo.toml"))],
+};

@@ -13,6 +13,7 @@ use crate::Machine;
 pub(crate) const MACHINE: Machine = Machine {
     kinds: &boards::KINDS,
     dialect: &dialect::Lathe,
+    program: Some(("shaft.frames", include_str!("../../../builtin/shaft.frames"))),
     rigs: &[
         ("lathe", include_str!("../../../builtin/lathe.toml")),
         ("lathe-dspic", include_str!("../../../builtin/lathe-dspic.toml")),

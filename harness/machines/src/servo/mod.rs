@@ -9,5 +9,6 @@ use crate::Machine;
 pub(crate) const MACHINE: Machine = Machine {
     kinds: &[boards::SERVO],
     dialect: &dialect::Servo,
+    program: None,
     rigs: &[("servo", include_str!("../../../builtin/servo.toml"))],
 };
