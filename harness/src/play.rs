@@ -2,7 +2,7 @@
 
 use std::pin::{Pin, pin};
 
-use torno_engine::Fact;
+use torno_engine::{Fact, NodeId};
 use torno_machines::workpiece::ToolPath;
 use torno_protocol::board::Stimulus;
 use torno_protocol::lathe::{Outcome, Program};
@@ -93,6 +93,8 @@ pub struct Played<J = FrameJob> {
     pub outcome: Outcome,
     /// Why the play did.
     pub ended: Ended,
+    /// From the first byte that was sent until the controller told that it is idle, all of the program being answered.
+    pub idle_after: Option<Span>,
     /// The virtual time it took until the rig was quiet, or the play ended.
     pub end: Instant,
     /// The digest of everything that happened.
@@ -135,15 +137,40 @@ impl<J> Played<J> {
     }
 }
 
+/// The state of the controller at the PC's port, if it is one.
+struct Controller {
+    /// The board, and the quantity that tells the state.
+    state: Option<(NodeId, u8)>,
+    idle_since: Option<Instant>,
+}
+
+impl Controller {
+    fn of(file: &RigFile, states: &[&str]) -> Self {
+        let state = file.state().filter(|_| !states.is_empty());
+        Self { state, idle_since: state.map(|_| Instant::START) }
+    }
+
+    fn take(&mut self, fact: &Fact) {
+        let Fact::Telemetry { node, at, signal, value } = fact else { return };
+        if self.state == Some((*node, *signal)) {
+            // Idle is the first state.
+            self.idle_since = (*value == 0).then_some(*at);
+        }
+    }
+}
+
 /// What the player makes of a session.
 struct Player<J> {
     waveforms: Option<Waveforms>,
     path: Option<ToolPath>,
     job: J,
+    controller: Controller,
     facts: Vec<Fact>,
     now: Instant,
     /// Patience counts from here: when something has been accepted last, or the program was over last.
     accepted: Instant,
+    /// When the first byte was sent.
+    began: Option<Instant>,
     /// Since when the program is over, if it is.
     over: Option<Instant>,
     incidents: Vec<Incident>,
@@ -218,9 +245,11 @@ impl<J: Job> Play<J> {
             waveforms: self.waveforms.then(|| Waveforms::new(&self.file.layout)),
             path: self.file.part.as_ref().map(ToolPath::new),
             job: self.job,
+            controller: Controller::of(&self.file, J::STATES),
             facts: Vec::new(),
             now: Instant::START,
             accepted: Instant::START,
+            began: None,
             over: None,
             incidents: Vec::new(),
         };
@@ -288,6 +317,7 @@ impl<J: Job> Play<J> {
         Ok(Played {
             outcome,
             ended,
+            idle_after: player.idle_after(),
             end: end.at,
             digest: end.digest,
             boards,
@@ -312,6 +342,7 @@ impl<J: Job> Player<J> {
         if let Some(path) = &mut self.path {
             happened.facts.iter().for_each(|fact| path.add(fact));
         }
+        happened.facts.iter().for_each(|fact| self.controller.take(fact));
         happened.pc().for_each(|(at, exchange)| self.listen(at, exchange));
         self.incidents.extend(happened.incidents);
         self.now = self.now.max(happened.settled);
@@ -320,6 +351,7 @@ impl<J: Job> Player<J> {
 
     fn listen(&mut self, at: Instant, exchange: &Exchange) {
         let accepted = self.job.accepted();
+        self.began.get_or_insert(at);
         match exchange {
             Exchange::Sent(byte, _) => self.job.sent(at, *byte),
             Exchange::Received(byte, _) => self.job.received(*byte),
@@ -333,6 +365,10 @@ impl<J: Job> Player<J> {
             self.accepted = at;
         }
         self.over = over.then(|| self.over.unwrap_or(at));
+    }
+
+    fn idle_after(&self) -> Option<Span> {
+        Some(self.controller.idle_since?.max(self.over?).since(self.began?))
     }
 
     /// When the play ends, unless the rig is quiet before.
@@ -355,9 +391,3 @@ async fn has_come(future: Pin<&mut impl Future<Output = ()>>) -> bool {
         () = tokio::task::yield_now() => false,
     }
 }
-
-/// The program that is played where none is named: it turns a stepped shaft from bar stock.
-pub const DEMONSTRATION: (&str, &str) = ("shaft.frames", include_str!("../builtin/shaft.frames"));
-
-/// The same for a controller that takes lines of G-code.
-pub const LINES: (&str, &str) = ("shaft.nc", include_str!("../builtin/shaft.nc"));

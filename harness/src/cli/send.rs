@@ -76,6 +76,7 @@ impl Arguments {
             lines: None,
             failures: failures(&conversation),
             virtual_s: None,
+            idle_after_s: None,
             wall_s: started.elapsed().as_secs_f64(),
             speedup: None,
             seed: None,

@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 use torno_engine::{Fact, NodeId};
 use torno_machines::workpiece::{Part, Source};
 use torno_part::Place;
-use torno_protocol::board::Role;
 
 use crate::rig::file::RigFile;
 
@@ -29,14 +28,10 @@ impl Readout {
     /// calls the place where the tool is at the start so, or as the rig does.
     pub fn new(file: &RigFile, words: &'static [&'static str], start: Option<Place>) -> Self {
         let mut told = BTreeMap::new();
-        let node = file.pc.to.0;
-        let signals = &file.boards[node].description.signals;
-        let state = signals.iter().position(|signal| signal.role == Role::State && !words.is_empty());
-        let state = state.map(|at| {
-            let quantity = (node, at as u8);
-            told.insert(quantity, signals[at].initial);
-            quantity
-        });
+        let state = file.state().filter(|_| !words.is_empty());
+        if let Some((node, signal)) = state {
+            told.insert((node, signal), file.boards[node].description.signals[usize::from(signal)].initial);
+        }
         let tool = file.part.clone().map(|part| {
             let start = start.unwrap_or_else(|| part.place(0, 0));
             (part, start)

@@ -34,6 +34,9 @@ pub struct Summary {
     /// Virtual seconds until the rig was quiet.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub virtual_s: Option<f64>,
+    /// Virtual seconds from the first byte that was sent until the controller was idle, all lines being answered.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub idle_after_s: Option<f64>,
     /// Wall seconds of the whole command.
     pub wall_s: f64,
     /// Virtual over wall time.
@@ -177,6 +180,9 @@ impl fmt::Display for Summary {
         }
         if let Some(Lines { total, sent, accepted, rejected, .. }) = self.lines {
             writeln!(text, "{:<9}{sent} of {total} sent, {accepted} accepted, {rejected} rejected", "lines")?;
+        }
+        if let Some(seconds) = self.idle_after_s {
+            writeln!(text, "{:<9}after {seconds:.3} s, all lines being answered", "idle")?;
         }
         match (self.virtual_s, self.speedup) {
             (Some(seconds), Some(speedup)) => {

@@ -5,7 +5,7 @@ use std::path::Path;
 use serde::Deserialize;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
-use torno_protocol::board::{Board as _, Description};
+use torno_protocol::board::{Board as _, Description, Role};
 use torno_protocol::clock::Clock;
 use torno_protocol::layout::{BoardLayout, GATEWAY, Layout, LineLayout};
 use torno_protocol::time::Span;
@@ -14,6 +14,7 @@ use torno_protocol::uart::{BITS_PER_CHARACTER, Receiver, ReceiverKind};
 use super::{before, place};
 use crate::text_file::TextError;
 use torno_bus::{Dialect, Names, PcUart};
+use torno_engine::NodeId;
 use torno_machines::kinds::{self, KindError};
 use torno_machines::workpiece::{Part, RawPart};
 use torno_machines::{Axes, axes, with_axes};
@@ -277,6 +278,13 @@ impl RigFile {
     /// The names of its parts.
     pub fn names(&self) -> Names {
         Names::of(&self.layout, self.pc.dialect)
+    }
+
+    /// What tells the state of the board at the PC's port, if it is a controller: the board, and the quantity's number.
+    pub fn state(&self) -> Option<(NodeId, u8)> {
+        let node = self.pc.to.0;
+        let mut signals = (0u8..).zip(&self.boards[node].description.signals);
+        signals.find(|(_, signal)| signal.role == Role::State).map(|(signal, _)| (node, signal))
     }
 
     /// What heads the trace of a session with this rig, which was named `rig`.
