@@ -174,6 +174,11 @@ const LINES: [&str; 24] = [
     "\n",
 ];
 
+#[test]
+fn a_pause_beside_a_probe_that_fails_is_none() {
+    answers::hold(b"M0G38.2X1F5\n\xc0G0X1\n");
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(10_000))]
 

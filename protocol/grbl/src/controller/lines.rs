@@ -261,7 +261,8 @@ impl<M: Machine> Controller<M> {
             Step::Dwell { seconds } if !checks => {
                 return Some(Wait::Until(now + Span::from_nanos((f64::from(seconds) * 1e9) as u64)));
             }
-            Step::Pause if !checks => {
+            // The firmware holds no feed in an alarm, which a probe in the same line has given.
+            Step::Pause if !checks && self.state != State::Alarm => {
                 self.hold(now, State::Hold);
                 return Some(Wait::Resume);
             }
