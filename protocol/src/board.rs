@@ -58,6 +58,13 @@ pub trait Board: Clone {
         self.poll_timeout().is_none()
     }
 
+    /// What the board's quantities are at `at`, which does not lie before what it has handled: for whoever looks
+    /// between two tellings. Only those of something that moves by itself need be there.
+    fn quantities(&self, at: Instant) -> Vec<(u8, i64)> {
+        _ = at;
+        Vec::new()
+    }
+
     /// Puts a logic analyser on the board's pins, for [`Board::pins`]. For a board as at power-on. Without it, nothing
     /// of them is computed.
     fn watch_pins(&mut self) {}

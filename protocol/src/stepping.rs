@@ -139,6 +139,20 @@ impl<B: Board> Cell<B> {
         (outputs, cell.board.pins(until))
     }
 
+    /// The same, with a look at its quantities every so often, from the start on.
+    pub fn sample(board: B, heard: &[Heard], until: Instant, every: Span) -> Vec<(Instant, Vec<(u8, i64)>)> {
+        let mut cell = Self::new(board);
+        heard.iter().for_each(|heard| cell.hear(heard));
+        let mut samples = Vec::new();
+        let mut at = Instant::START;
+        while at < until {
+            cell.run(at.next(), |_, _| ());
+            samples.push((at, cell.board.quantities(at)));
+            at += every.max(Span::from_nanos(1));
+        }
+        samples
+    }
+
     /// When the next thing happens, if nothing more is heard.
     pub fn poll_timeout(&self) -> Option<Instant> {
         self.next().map(|(at, _)| at)

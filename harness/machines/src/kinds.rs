@@ -11,7 +11,7 @@ use torno_protocol::clock::Clock;
 use torno_protocol::record::{Grant, Heard, Report, Timed};
 use torno_protocol::settings::{OutOfRange, Setting};
 use torno_protocol::stepping::{BrokenPromise, Cell, Stepper};
-use torno_protocol::time::Instant;
+use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::{Receiver, ReceiverKind};
 use torno_slaves::Slide;
 use torno_text::{Complaint, of_toml};
@@ -66,6 +66,9 @@ pub trait Steps: Send {
 
     /// Runs the board by itself, with all that it hears before `until`: see [`Cell::watch`]. For one as at power-on.
     fn watch(&self, heard: &[Heard], until: Instant) -> (Vec<Timed>, Vec<Pin>);
+
+    /// The same, with a look at its quantities every so often: see [`Cell::sample`].
+    fn sample(&self, heard: &[Heard], until: Instant, every: Span) -> Vec<(Instant, Vec<(u8, i64)>)>;
 }
 
 impl<B: Board + Send> Steps for Stepper<B> {
@@ -83,6 +86,10 @@ impl<B: Board + Send> Steps for Stepper<B> {
 
     fn watch(&self, heard: &[Heard], until: Instant) -> (Vec<Timed>, Vec<Pin>) {
         Cell::watch(self.board().clone(), heard, until)
+    }
+
+    fn sample(&self, heard: &[Heard], until: Instant, every: Span) -> Vec<(Instant, Vec<(u8, i64)>)> {
+        Cell::sample(self.board().clone(), heard, until, every)
     }
 }
 
@@ -284,7 +291,14 @@ mod tests {
         for kind in names() {
             let description = build(kind, "", Clock::TRUE).unwrap().description();
             for (motor, named) in (0..).zip(&description.motors) {
-                assert!(description.signal(motor, Role::Drive, None).is_some(), "{kind} {}", named.name);
+                let is_told = |role| description.signal(motor, role, None).is_some();
+                if named.capabilities.contains(&Capability::Stepper) {
+                    // Its set point and its position are lengths, and nobody drives it freely.
+                    assert!(is_told(Role::SetPoint) && is_told(Role::Position), "{kind} {}", named.name);
+                    assert!(carriage(kind, "", motor).unwrap().is_some(), "{kind} {}", named.name);
+                    continue;
+                }
+                assert!(is_told(Role::Drive), "{kind} {}", named.name);
                 let at = [Role::Position, Role::Speed].map(|role| description.signal(motor, role, Some("counts")));
                 let is_axis = named.capabilities.contains(&Capability::Axis);
                 assert_eq!(at.map(|place| place.is_some()), [is_axis, !is_axis], "{kind} {}", named.name);

@@ -373,11 +373,15 @@ impl Joint {
         }
     }
 
+    /// What it is to do, where its carriage is, in nm, and how often its loop has corrected. A pulse is `pulse_nm`.
+    pub(crate) fn values(&self, at: Instant, pulse_nm: f64) -> [i64; SIGNALS as usize] {
+        let asked = (self.position(at) as f64 * pulse_nm) as i64;
+        [asked, self.axis.carriage(at) / 1_000, self.axis.corrections().cast_signed()]
+    }
+
     /// Tells where it is, in quantities from `signal` on. A pulse is worth `pulse_nm`.
     pub(crate) fn tell(&mut self, now: Instant, pulse_nm: f64, signal: u8) {
-        let asked = (self.position(now) as f64 * pulse_nm) as i64;
-        let corrections = self.axis.stats(now).corrections.cast_signed();
-        let values = [asked, self.axis.carriage(now) / 1_000, corrections];
+        let values = self.values(now, pulse_nm);
         for (n, (told, value)) in (signal..).zip(self.told.iter_mut().zip(values)) {
             if core::mem::replace(told, value) != value {
                 self.outputs.push_back(Output::Telemetry { signal: n, value });

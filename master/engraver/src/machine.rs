@@ -344,7 +344,7 @@ impl Machine {
     }
 
     fn is_busy(&self) -> bool {
-        self.moves || !self.joints.iter().all(Joint::is_ready)
+        self.moves || self.joints.iter().any(|joint| joint.axis().state() == State::Correcting)
     }
 
     /// From now on it is told where it is.
@@ -474,9 +474,11 @@ impl Wired for Machine {
             let signal = |what: &str, unit: &str, role| {
                 Signal::new(&format!("{name}_{what}"), 0).with_unit(unit).with_role(role).of_motor(motor)
             };
+            // A turns: a millionth of a degree is to it what a nanometre is to the others.
+            let unit = if motor == 3 { "udeg" } else { "nm" };
             description.signals.extend([
-                signal("command_nm", "nm", Role::SetPoint),
-                signal("carriage_nm", "nm", Role::Position),
+                signal(&format!("command_{unit}"), unit, Role::SetPoint),
+                signal(&format!("carriage_{unit}"), unit, Role::Position),
                 signal("corrections", "", Role::Other),
             ]);
             description.motors.push(Motor {
@@ -486,6 +488,11 @@ impl Wired for Machine {
             let pin = |what: &str| OutputPin { name: format!("{name}_{what}"), first: Level::Low };
             description.pins.extend([pin("step"), pin("direction")]);
         }
+    }
+
+    fn quantities(&self, at: Instant) -> Vec<(u8, i64)> {
+        let values = |(n, joint): (usize, &Joint)| joint.values(at, self.pulse_mm[n] * 1e6);
+        (SIGNALS..).zip(self.joints.iter().enumerate().flat_map(values)).collect()
     }
 
     fn watch_pins(&mut self) {

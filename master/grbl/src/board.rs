@@ -210,6 +210,10 @@ impl<M: Wired> board::Board for Board<M> {
         self.boots_until
     }
 
+    fn quantities(&self, at: Instant) -> Vec<(u8, i64)> {
+        self.controller.machine().quantities(at)
+    }
+
     fn watch_pins(&mut self) {
         self.controller.machine_mut().watch_pins();
     }

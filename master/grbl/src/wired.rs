@@ -39,6 +39,11 @@ pub trait Wired: Machine + Clone {
     /// Something happens to a motor.
     fn disturb(&mut self, _now: Instant, _motor: u8, _what: MotorStimulus) {}
 
+    /// What its quantities are at `at`.
+    fn quantities(&self, _at: Instant) -> Vec<(u8, i64)> {
+        Vec::new()
+    }
+
     /// Somebody looks at its pins from now on, which is power-on.
     fn watch_pins(&mut self) {}
 

@@ -359,6 +359,11 @@ impl Axis {
         machine.scale.pm(machine.deviation())
     }
 
+    /// How often the loop has corrected.
+    pub const fn corrections(&self) -> u64 {
+        self.stats.corrections
+    }
+
     /// What the loop has done.
     pub fn stats(&self, now: Instant) -> Stats {
         let mut axis = self.clone();

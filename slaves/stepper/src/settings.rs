@@ -145,7 +145,7 @@ choice! {
     /// What the firmware takes a count for.
     pub enum CountScale {
         /// What it is.
-        True = "true",
+        Exact = "exact",
         /// What the paper reckons with a pulley's outer diameter: 0.008148506 mm instead of 0.00825.
         Paper = "paper",
         /// `count_pm`.
@@ -177,9 +177,9 @@ settings! {
         /// A larger error stops all axes.
         stop_mm: f64 = 1.0, 0.000_001..=1_000.0, "mm", "ours";
         /// What the firmware takes a count for.
-        scale: CountScale = CountScale::True, CountScale::NAMES, "", "ours";
+        scale: CountScale = CountScale::Exact, CountScale::NAMES, "", "ours";
         /// The scale `own`: picometres a count.
-        count_pm: u64 = 8_250_000, 1..=1_000_000_000_000, "pm", "ours";
+        count_pm: u64 = 8_250_000, 1..=1_000_000_000, "pm", "ours";
         /// Backlash that the firmware makes up for whenever the sense changes, before it moves on.
         backlash_mm: f64 = 0.0, 0.0..=10.0, "mm", "ours";
         /// Accepts N and a dead band below a count.
@@ -246,7 +246,7 @@ impl AxisSettings {
             counts_pm,
             counts,
             firmware_count_pm: match control.scale {
-                CountScale::True => None,
+                CountScale::Exact => None,
                 CountScale::Paper => Some(PAPER_COUNT_PM),
                 CountScale::Own => i64::try_from(control.count_pm).ok(),
             },
@@ -343,7 +343,7 @@ mod tests {
 
     #[test]
     fn a_scale_of_nothing_and_a_rate_that_no_timer_makes_are_refused() {
-        let expected = "control.count_pm: expected 1 to 1000000000000, found 0";
+        let expected = "control.count_pm: expected 1 to 1000000000, found 0";
         assert_eq!(checked(|axis| axis.control.count_pm = 0), expected);
         for hz in [0.0, 0.027, 200_001.0, f64::NAN] {
             let wrong = checked(|axis| axis.control.correct_hz = hz);

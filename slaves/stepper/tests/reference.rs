@@ -11,7 +11,7 @@ fn settings() -> impl Strategy<Value = AxisSettings> {
     (
         prop_oneof![Just(Mode::Open), Just(Mode::Fixed), Just(Mode::Dynamic), Just(Mode::Dynamic)],
         prop_oneof![Just(Sensor::Belt), Just(Sensor::Belt), Just(Sensor::Motor), Just(Sensor::Scale)],
-        prop_oneof![Just(CountScale::True), Just(CountScale::True), Just(CountScale::Paper)],
+        prop_oneof![Just(CountScale::Exact), Just(CountScale::Exact), Just(CountScale::Paper)],
         prop_oneof![Just(0.0), 0.0..0.9],
         prop_oneof![Just(0.0), 0.0..0.06],
         (0.0..0.99, prop_oneof![Just(0.5), 0.5..20.0], 0_u32..9, 0_u32..9),
@@ -22,7 +22,7 @@ fn settings() -> impl Strategy<Value = AxisSettings> {
             let mut settings = AxisSettings::default();
             settings.control.mode = mode;
             settings.control.sensor = sensor;
-            settings.control.scale = if sensor == Sensor::Belt { scale } else { CountScale::True };
+            settings.control.scale = if sensor == Sensor::Belt { scale } else { CountScale::Exact };
             settings.motor.friction = friction;
             settings.mechanics.backlash_mm = (backlash * 1e4_f64).round() / 1e4;
             settings.encoder.phase = phase;

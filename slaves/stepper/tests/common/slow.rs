@@ -94,7 +94,7 @@ impl Slow {
         };
         let pm = |mm: f64| (mm * 1e9).round() as i64;
         let count_pm = match settings.control.scale {
-            CountScale::True => pm(count_mm),
+            CountScale::Exact => pm(count_mm),
             CountScale::Paper => PAPER_COUNT_PM,
             CountScale::Own => settings.control.count_pm as i64,
         };
