@@ -67,9 +67,10 @@ fn board<'a>(rig: &'a mut Table, name: &str) -> Result<&'a mut Table, String> {
     boards[found].as_table_mut().ok_or_else(|| "a board is no table".to_owned())
 }
 
-/// A value as a file would have it: a number, or else text.
+/// A value as a file would have it: a number, a boolean, or else text.
 pub fn parsed(text: &str) -> Value {
     let integer = text.parse().map(Value::Integer).ok();
     let float = || text.parse().map(Value::Float).ok();
-    integer.or_else(float).unwrap_or_else(|| Value::String(text.to_owned()))
+    let boolean = || text.parse().map(Value::Boolean).ok();
+    integer.or_else(float).or_else(boolean).unwrap_or_else(|| Value::String(text.to_owned()))
 }
