@@ -34,3 +34,4 @@ pub mod speed;
 pub mod sweep;
 pub mod text_file;
 pub mod toolpath;
+pub mod tracking;

@@ -39,15 +39,7 @@ pub fn pins(trace: &Trace) -> Result<Vec<Pin>, PinsError> {
     let actions = actions(&trace.inputs);
     let mut found = Vec::new();
     for (node, board) in file.boards.iter().enumerate() {
-        let end = actions.iter().find(|(_, action)| *action == Action::End(node));
-        let until = end.map_or(trace.until(), |(told, _)| trace.until().min(*told));
-        let stimuli = actions.iter().filter_map(|(_, action)| match action {
-            Action::Stimulate(to, at, stimulus) if *to == node => {
-                Some(Heard::Stimulus { at: *at, stimulus: stimulus.clone() })
-            }
-            _ => None,
-        });
-        let heard: Vec<Heard> = edges(trace, node).chain(stimuli).collect();
+        let (heard, until) = heard(trace, &actions, node);
         let built = kinds::build(&board.kind, &board.settings, board.clock)?;
         let (outputs, pins) = built.watch(&heard, until);
         if !pins.is_empty() && !told(&outputs).eq(recorded(trace, node, until)) {
@@ -56,6 +48,19 @@ pub fn pins(trace: &Trace) -> Result<Vec<Pin>, PinsError> {
         found.extend(pins.into_iter().map(|pin| Pin { name: format!("{}_{}", board.name, pin.name), ..pin }));
     }
     Ok(found)
+}
+
+/// All that a board has heard, and until when it ran.
+pub(crate) fn heard(trace: &Trace, actions: &[(Instant, Action)], node: NodeId) -> (Vec<Heard>, Instant) {
+    let end = actions.iter().find(|(_, action)| *action == Action::End(node));
+    let until = end.map_or(trace.until(), |(told, _)| trace.until().min(*told));
+    let stimuli = actions.iter().filter_map(|(_, action)| match action {
+        Action::Stimulate(to, at, stimulus) if *to == node => {
+            Some(Heard::Stimulus { at: *at, stimulus: stimulus.clone() })
+        }
+        _ => None,
+    });
+    (edges(trace, node).chain(stimuli).collect(), until)
 }
 
 /// The edges on the lines that end at a board.

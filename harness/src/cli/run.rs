@@ -14,8 +14,10 @@ use torno::report::page::Page;
 use torno::report::{Bar, BoardSummary, Cut, Frames, Lines, Readout, Stats, Summary, failures};
 use torno::rig::file::RigFile;
 use torno::scenario::seed_text;
+use torno::tracking::{Tracking, has_axes};
 use torno_machines::workpiece::ToolPath;
 use torno_part::{Place, Profile};
+use torno_plot::{Colours, Format};
 use torno_protocol::lathe::Outcome;
 use torno_protocol::time::Span;
 use torno_text::parse_length;
@@ -77,6 +79,9 @@ pub(super) struct Arguments {
     /// Writes the profile of the part that was turned, beside the one that was asked for (CSV: z and radii in mm)
     #[arg(long, value_name = "FILE")]
     profile: Option<PathBuf>,
+    /// Draws the way of the axes (.svg): asked and gone, and how far they were from it
+    #[arg(long, value_name = "FILE", value_parser = drawing)]
+    path: Option<PathBuf>,
     /// Writes a page to look at: motion, the bus, the part, the figures (HTML, one file)
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
@@ -96,7 +101,7 @@ pub(super) struct Arguments {
 
 impl Arguments {
     pub(super) async fn run(self, started: Instant) -> anyhow::Result<ExitCode> {
-        [&self.vcd, &self.part, &self.profile, &self.report]
+        [&self.vcd, &self.part, &self.profile, &self.path, &self.report]
             .into_iter()
             .flatten()
             .for_each(|path| OutputFile::empty(path));
@@ -140,6 +145,12 @@ impl Arguments {
         if let Some((option, _)) = of_part.iter().find(|(_, given)| *given && file.part.is_none()) {
             anyhow::bail!("{option}: the rig '{}' turns no part: expected a [part] in its file", file.name);
         }
+        let has_axes = file.boards.iter().any(|board| has_axes(&board.description));
+        anyhow::ensure!(
+            self.path.is_none() || has_axes,
+            "--path: no board of the rig '{}' tells in nm where its axes are: expected a rig such as 'engraver'",
+            file.name
+        );
         let names = file.names();
         let FaultFile { seed, drawn, faults } = match &self.faults {
             Some(path) => fault::load(path, &names, self.seed)?,
@@ -152,9 +163,10 @@ impl Arguments {
             [&self.vcd, &self.part, &self.profile, &self.report].map(|path| path.as_ref().map(OutputFile::create));
         let (vcd, drawing) = (vcd.transpose()?, drawing.transpose()?);
         let (profile, report) = (profile.transpose()?, report.transpose()?);
+        let path = self.path.as_ref().map(OutputFile::create).transpose()?;
         let asked = file.part.clone().zip(asked);
         let header = file.header(&rig, seed, Some(&program_name));
-        let keep = (report.is_some() || self.pins).then(|| header.clone());
+        let keep = (report.is_some() || path.is_some() || self.pins).then(|| header.clone());
         let recorder = self.record.as_deref().map(|path| start_recording(path, &header)).transpose()?;
         let (_, total) = job.reached();
         let mut readout = Readout::new(&file, J::STATES, self.at);
@@ -197,6 +209,12 @@ impl Arguments {
         if let (Some(file), Some(cut)) = (profile, &cut) {
             file.write(cut.csv())?;
         }
+        if let (Some(file), Some(trace)) = (path, &played.trace)
+            && let Some(tracking) = Tracking::of(trace)?
+        {
+            let figure = tracking.figure(&format!("{program_name} on {rig}"));
+            file.write(figure.encode(Format::Svg, &Colours::default())?)?;
+        }
         let as_required = cut.as_ref().is_none_or(|cut| cut.summary.is_as_required());
         let code = match played.ended {
             Ended::Interrupted => ExitCode::from(INTERRUPTED),
@@ -208,7 +226,10 @@ impl Arguments {
         if let (Some(file), Some(trace)) = (report, trace) {
             file.write(Page { trace: &trace, summary: Some(&summary), cut: cut.as_ref() }.html())?;
         }
-        print_beside(&[&self.vcd, &self.part, &self.profile, &self.report], &written(self.json, &summary)?)?;
+        print_beside(
+            &[&self.vcd, &self.part, &self.profile, &self.path, &self.report],
+            &written(self.json, &summary)?,
+        )?;
         Ok(code)
     }
 }

@@ -1,0 +1,178 @@
+//! How well axes follow: the way that was asked of them, and the way that they went, as a trace tells.
+//!
+//! A board tells where its axes are only now and then. Between inputs it is deterministic, so it runs once more here,
+//! by itself, with all that it heard, and is looked at as often as a picture wants.
+
+use torno_machines::kinds;
+use torno_plot::{Figure, Panel, Series, Style};
+use torno_protocol::board::{Description, Role};
+use torno_protocol::time::{Instant, Span};
+use torno_trace::Trace;
+
+use crate::pins::{PinsError, heard};
+use crate::replay::{actions, rig_of};
+
+/// At most so many looks: a picture has 960 points across.
+const LOOKS: u64 = 20_000;
+/// No finer than this: 25 µm at 25 mm/s.
+const FINEST: Span = Span::from_millis(1);
+/// The units that a board tells, the one that a million of them are, and a thousandth of that.
+const UNITS: [(&str, &str, &str); 2] = [("nm", "mm", "um"), ("udeg", "deg", "mdeg")];
+const MILLION: f64 = 1e6;
+/// What is so near to a straight way is on it.
+const STRAIGHT_MM: f64 = 0.000_2;
+/// So many columns of values are told apart in a picture.
+const COLUMNS: usize = 900;
+
+type Point = (f64, f64);
+
+/// An axis, in mm; or degrees, if it turns.
+#[derive(Clone, Debug)]
+pub struct Tracked {
+    /// Its name.
+    pub name: String,
+    /// Its unit: `mm` or `deg`.
+    pub unit: &'static str,
+    /// What was asked of it, and where it was, at each look.
+    pub places: Vec<(f64, f64)>,
+}
+
+/// The axes of a board.
+#[derive(Clone, Debug)]
+pub struct Tracking {
+    /// The instants of the looks, in s.
+    pub at: Vec<f64>,
+    /// The axes, in the order of the board.
+    pub axes: Vec<Tracked>,
+}
+
+/// A motor of which a board tells set point and position: name, unit, and the numbers of the two.
+type Told = (String, &'static str, u8, u8);
+
+fn tracked(description: &Description) -> Vec<Told> {
+    let of = |motor: u8, role: Role| {
+        let mut signals = (0u8..).zip(&description.signals);
+        let (n, signal) = signals.find(|(_, signal)| signal.motor == Some(motor) && signal.role == role)?;
+        let (_, unit, _) = UNITS.iter().find(|(told, ..)| signal.unit == *told)?;
+        Some((*unit, n))
+    };
+    let motors = (0u8..).zip(&description.motors);
+    let told = motors.filter_map(|(n, motor)| {
+        let ((unit, asked), (_, got)) = (of(n, Role::SetPoint)?, of(n, Role::Position)?);
+        Some((motor.name.clone(), unit, asked, got))
+    });
+    told.collect()
+}
+
+/// Goes on to a place. What lies between on a straight way is left out.
+fn extend(piece: &mut Vec<Point>, to: Point) {
+    let length = |(x, y): Point| (x * x + y * y).sqrt();
+    if let [.., (x, y), (from_x, from_y)] = piece[..] {
+        let (along, across) = ((to.0 - x, to.1 - y), (from_x - x, from_y - y));
+        let off = (along.0 * across.1 - along.1 * across.0).abs() / length(along);
+        let goes_on = along.0 * across.0 + along.1 * across.1 > 0.0;
+        if off < STRAIGHT_MM && goes_on && length(across) < 20.0 * length(along) {
+            piece.pop();
+        }
+    }
+    piece.push(to);
+}
+
+/// The least and the largest value in each of so many columns.
+fn envelope(points: &[Point]) -> Vec<Point> {
+    let columns = points.chunks(points.len().div_ceil(COLUMNS).max(1));
+    let ends = columns.flat_map(|column| {
+        let by_value = |a: &&Point, b: &&Point| a.1.total_cmp(&b.1);
+        let mut ends: Vec<Point> =
+            [column.iter().min_by(by_value), column.iter().max_by(by_value)].into_iter().flatten().copied().collect();
+        ends.sort_by(|a, b| a.0.total_cmp(&b.0));
+        ends
+    });
+    ends.collect()
+}
+
+/// Whether a board with this description can be looked at so.
+pub fn has_axes(description: &Description) -> bool {
+    !tracked(description).is_empty()
+}
+
+impl Tracking {
+    /// The axes of the first board in a trace that has any; None if there is none.
+    ///
+    /// # Errors
+    /// [`PinsError`] if the boards in it are not of this program.
+    pub fn of(trace: &Trace) -> Result<Option<Self>, PinsError> {
+        let (file, _) = rig_of(trace)?;
+        let actions = actions(&trace.inputs);
+        let mut boards = file.boards.iter().enumerate();
+        let Some((node, board)) = boards.find(|(_, board)| has_axes(&board.description)) else { return Ok(None) };
+        let (heard, until) = heard(trace, &actions, node);
+        let every = Span::from_nanos(until.as_nanos() / LOOKS).max(FINEST);
+        let samples = kinds::build(&board.kind, &board.settings, board.clock)?.sample(&heard, until, every);
+        let seconds = |at: &Instant| at.as_secs_f64();
+        let axes = tracked(&board.description).into_iter().map(|(name, unit, asked, got)| {
+            let value = |values: &[(u8, i64)], of: u8| values.iter().find(|(n, _)| *n == of).map_or(0, |(_, it)| *it);
+            let mm = |values: &[(u8, i64)], of: u8| value(values, of) as f64 / MILLION;
+            let places = samples.iter().map(|(_, values)| (mm(values, asked), mm(values, got))).collect();
+            Tracked { name, unit, places }
+        });
+        Ok(Some(Self { axes: axes.collect(), at: samples.iter().map(|(at, _)| seconds(at)).collect() }))
+    }
+
+    fn axis(&self, name: &str) -> Option<&Tracked> {
+        self.axes.iter().find(|axis| axis.name == name)
+    }
+
+    /// The picture. Its first panel is the way seen from above, to scale, asked and gone, where the tool is in the
+    /// work, which is below where it was at the start, and where it is not. The others show how far each axis was from
+    /// what was asked of it.
+    pub fn figure(&self, title: &str) -> Figure {
+        let mut panels = Vec::new();
+        if let (Some(x), Some(y)) = (self.axis("x"), self.axis("y")) {
+            let z = self.axis("z");
+            let in_work = |n: usize| z.is_none_or(|z| z.places[n].0 < z.places[0].0);
+            let pieces = |works: bool, got: bool| {
+                let place = |n: usize| {
+                    let of = |axis: &Tracked| if got { axis.places[n].1 } else { axis.places[n].0 };
+                    (of(x), of(y))
+                };
+                let mut pieces: Vec<Vec<Point>> = Vec::new();
+                let mut joined = false;
+                for n in 0..self.at.len() {
+                    if in_work(n) != works {
+                        joined = false;
+                        continue;
+                    }
+                    match pieces.last_mut().filter(|_| joined) {
+                        Some(piece) if piece.last() == Some(&place(n)) => {}
+                        Some(piece) => extend(piece, place(n)),
+                        None => pieces.push(vec![place(n)]),
+                    }
+                    joined = true;
+                }
+                pieces
+            };
+            let series = vec![
+                Series::pieces("in the air", Style::Dashed, pieces(false, true)),
+                Series::pieces("asked", Style::Line, pieces(true, false)),
+                Series::pieces("gone", Style::Line, pieces(true, true)),
+            ];
+            let of = |name: &str| format!("{name}, mm");
+            panels.push(Panel { x: of("x"), y: of("y"), height: 1.0, series }.to_scale());
+        }
+        for (_, unit, fine) in UNITS {
+            // An axis that never moves is left out.
+            let moves = |axis: &&Tracked| axis.places.iter().any(|place| *place != axis.places[0]);
+            let axes = self.axes.iter().filter(|axis| axis.unit == unit).filter(moves);
+            let off = axes.map(|axis| {
+                let points = self.at.iter().zip(&axis.places).map(|(at, (asked, got))| (*at, (got - asked) * 1e3));
+                Series::new(axis.name.clone(), Style::Line, envelope(&points.collect::<Vec<_>>()))
+            });
+            let (series, x, y) = (off.collect::<Vec<_>>(), "t, s".to_owned(), format!("gone - asked, {fine}"));
+            if !series.is_empty() {
+                panels.push(Panel { x, y, height: 0.6, series });
+            }
+        }
+        Figure { title: title.to_owned(), panels }
+    }
+}
