@@ -9,6 +9,7 @@
 #[allow(dead_code, reason = "of what the tests share, it uses a part")]
 #[path = "../common/mod.rs"]
 mod common;
+mod engraver;
 mod lockstep;
 mod masters;
 
@@ -49,6 +50,8 @@ fn main() {
     runs(effort.runs);
     println!();
     curve(effort.runs.div_ceil(3));
+    println!();
+    engraver::shuttle(effort.runs.div_ceil(3));
     println!();
     row("figure", "wanted", "found");
     sweep(effort.runs);
