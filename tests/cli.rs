@@ -276,7 +276,10 @@ fn words_that_are_not_known_are_refused() {
         (&["run", "lathe", "a.frames", "b.frames"], "unexpected argument 'b.frames'"),
         (&["run", "--seed", "x"], "invalid value 'x' for '--seed"),
         (&["board"], "<KIND>"),
-        (&["board", "mill"], "[possible values: master, spindle, transverse, depth, dspic, servo, grbl, echo]"),
+        (
+            &["board", "mill"],
+            "[possible values: master, spindle, transverse, depth, dspic, servo, grbl, engraver, echo]",
+        ),
         (&["send", "a.frames"], "--port"),
         (&["send", "a.frames", "--port", "x", "--baud", "0"], "invalid value '0' for '--baud"),
         (&["run", "--part", "x.png"], "the drawing is SVG: expected a name that ends in .svg"),

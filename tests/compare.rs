@@ -212,7 +212,7 @@ fn what_cannot_be_compared_is_said() {
         (&["compare", "lathe"][..], "<OTHER>"),
         (
             &["compare", "lathe", "late"],
-            "cannot read the rig file 'late' (built-in rigs: lathe, lathe-dspic, servo, lathe-grbl, echo)",
+            "cannot read the rig file 'late' (built-in rigs: lathe, lathe-dspic, servo, lathe-grbl, engraver, echo)",
         ),
         (&["compare", "lathe", "servo"], "the rig 'servo' speaks servo: use 'torno servo"),
         (&["compare", "lathe", "lathe-dspic", "none.frames"], "cannot read the program 'none.frames'"),

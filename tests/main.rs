@@ -15,6 +15,7 @@ mod cli;
 mod compare;
 mod ctl;
 mod ears;
+mod engraver;
 mod errata;
 mod failures;
 mod faults;
