@@ -12,7 +12,7 @@ use torno::fault;
 use torno::rig::file::RigFile;
 use torno::rig::{Driver, Rig};
 use torno::scenario::Scenario;
-use torno_protocol::board::Stimulus;
+use torno_protocol::board::{Kept, Stimulus};
 use torno_protocol::lathe::{Frame, Program};
 use torno_protocol::line::{Edge, Level};
 use torno_protocol::record::{self, FromBoard, Grant, Heard, Report, Setup, ToBoard};
@@ -184,11 +184,18 @@ fn to_board_records() -> Vec<ToBoard> {
         ToBoard::Setup(Setup::default()),
         ToBoard::Heard(vec![Heard::Edges { port: 0, edges: edges(3) }]),
         ToBoard::Grant(grant),
+        ToBoard::Keep(Instant::from_nanos(11)),
     ]
 }
 
 fn from_board_records() -> Vec<FromBoard> {
-    vec![FromBoard::Broken("no".to_owned()), FromBoard::Report(Report::default()), FromBoard::Told(Vec::new())]
+    let kept = Kept { setting: "s".to_owned(), lines: vec!["a".to_owned(), String::new()] };
+    vec![
+        FromBoard::Broken("no".to_owned()),
+        FromBoard::Report(Report::default()),
+        FromBoard::Told(Vec::new()),
+        FromBoard::Kept(Some(kept)),
+    ]
 }
 
 // --- any bytes, and valid ones that were changed --------------------------------------------------------------------

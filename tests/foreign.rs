@@ -112,7 +112,7 @@ fn place_in_a_rig(bytes: &[u8]) {
     let text = text(bytes);
     let (place, value) = text.split_once('\n').unwrap_or((&text, "1"));
     let mut table: toml::Table = toml::from_str(&LATHE.text).expect("it is built in");
-    if let Err(complaint) = place::set(&mut table, place, value) {
+    if let Err(complaint) = place::set(&mut table, place, place::parsed(value)) {
         assert!(!complaint.is_empty());
     }
     match LATHE.with(place, value) {

@@ -22,6 +22,7 @@ mod faults;
 mod foreign;
 mod gcode;
 mod grbl;
+mod grbl_eeprom;
 mod grbl_port;
 mod grbl_run;
 mod hostile;

@@ -12,6 +12,7 @@ pub mod control;
 pub mod fault;
 pub mod identify;
 pub mod job;
+pub mod kept;
 pub mod live;
 pub mod observe;
 pub mod pace;

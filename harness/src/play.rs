@@ -4,7 +4,7 @@ use std::pin::{Pin, pin};
 
 use torno_engine::{Fact, NodeId};
 use torno_machines::workpiece::ToolPath;
-use torno_protocol::board::Stimulus;
+use torno_protocol::board::{Kept, Stimulus};
 use torno_protocol::lathe::{Outcome, Program};
 use torno_protocol::time::{Instant, Span};
 use torno_trace::{Header, Trace, Waveforms};
@@ -47,6 +47,8 @@ pub struct Play<J = FrameJob> {
     pub measure: bool,
     /// What heads the trace that is to be kept in memory, if one is.
     pub keep: Option<Header>,
+    /// The boards of which is asked at the end what they keep without power.
+    pub keepers: Vec<NodeId>,
     /// It is given up when nothing of the program has been accepted for so long, in virtual time.
     pub patience: Span,
     /// Time goes no further at once, in virtual time. Nothing may depend on it: this is how that is proved.
@@ -113,6 +115,8 @@ pub struct Played<J = FrameJob> {
     pub path: Option<ToolPath>,
     /// Everything that happened, if it was to be kept.
     pub trace: Option<Trace>,
+    /// What the boards keep without power that were to be asked.
+    pub kept: Vec<Option<Kept>>,
     /// The faults that have not fired.
     pub unfired: Vec<Unfired>,
 }
@@ -195,6 +199,7 @@ impl<J: Job> Play<J> {
             waveforms: false,
             measure: false,
             keep: None,
+            keepers: Vec::new(),
             patience: PATIENCE,
             slice: None,
         }
@@ -241,6 +246,7 @@ impl<J: Job> Play<J> {
         if let Some(header) = self.keep {
             session.keep(header);
         }
+        session.ask_at_the_end(self.keepers);
         let mut player = Player {
             waveforms: self.waveforms.then(|| Waveforms::new(&self.file.layout)),
             path: self.file.part.as_ref().map(ToolPath::new),
@@ -313,7 +319,7 @@ impl<J: Job> Play<J> {
         progress(player.progress());
         let unfired = session.unfired();
         let outcome = player.job.outcome();
-        let session::Ended { end, boards, trace, rig } = session.close(ended.of(outcome))?;
+        let session::Ended { end, boards, trace, kept, rig } = session.close(ended.of(outcome))?;
         Ok(Played {
             outcome,
             ended,
@@ -327,6 +333,7 @@ impl<J: Job> Play<J> {
             waveforms: player.waveforms,
             path: player.path,
             trace,
+            kept,
             unfired,
             job: player.job,
         })

@@ -105,6 +105,7 @@ async fn take_turns(kind: &str, socket: UnixStream) -> Result<Ended, SeatError> 
                     Err(error) => FromBoard::Broken(error.to_string()),
                 }
             }
+            (ToBoard::Keep(until), Some(board)) => FromBoard::Kept(board.kept(until)),
             (ToBoard::Setup(setup), None) => match build(kind, &setup) {
                 Ok(built) => {
                     let description = built.description();
@@ -116,7 +117,9 @@ async fn take_turns(kind: &str, socket: UnixStream) -> Result<Ended, SeatError> 
                     FromBoard::Broken(message)
                 }
             },
-            (ToBoard::Grant(_), None) => FromBoard::Broken("was given a grant before it was set up".to_owned()),
+            (ToBoard::Grant(_) | ToBoard::Keep(_), None) => {
+                FromBoard::Broken("was asked for something before it was set up".to_owned())
+            }
             (ToBoard::Setup(_), Some(_)) => FromBoard::Broken("was set up twice".to_owned()),
         };
         send(&mut channel, &answer)?;

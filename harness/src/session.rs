@@ -11,7 +11,7 @@ use std::task::{Context, Poll, Waker};
 
 use torno_bus::{Conversation, PcEvent, PcUart, Replies, Reply};
 use torno_engine::{Fact, Hit, Input, Limit, NodeId};
-use torno_protocol::board::Stimulus;
+use torno_protocol::board::{Kept, Stimulus};
 use torno_protocol::time::{Instant, Span};
 use torno_trace::{Digest, End, Header, Trace};
 
@@ -61,6 +61,9 @@ pub struct Session {
     noted: Instant,
     /// Nothing of this and later counts.
     end: Option<Instant>,
+    /// The boards of which is asked at the end what they keep, and what they said.
+    keepers: Vec<NodeId>,
+    kept: Vec<Option<Kept>>,
 }
 
 /// What has happened in a step.
@@ -103,6 +106,9 @@ pub struct Ended {
     pub boards: Vec<EndedBoard>,
     /// Everything that happened, if it was kept.
     pub trace: Option<Trace>,
+    /// What those boards keep without power that were [to be asked](Session::ask_at_the_end), in that order. None of
+    /// one that is gone or does not answer.
+    pub kept: Vec<Option<Kept>>,
     /// The rig, for what it cost.
     pub rig: Rig,
 }
@@ -160,6 +166,8 @@ impl Session {
             turned: Instant::START,
             noted: Instant::START,
             end: None,
+            keepers: Vec::new(),
+            kept: Vec::new(),
             rig,
         })
     }
@@ -178,6 +186,11 @@ impl Session {
     /// Keeps everything from the start, under this header. For a rig that does not run yet.
     pub fn keep(&mut self, header: Header) {
         self.trace = Some(Trace::new(header));
+    }
+
+    /// Asks these boards at the end what they keep without power.
+    pub fn ask_at_the_end(&mut self, boards: Vec<NodeId>) {
+        self.keepers = boards;
     }
 
     /// Holds time back to a pace from `now` on.
@@ -435,6 +448,9 @@ impl Session {
         let until = until.max(self.noted).max(Instant::START.next());
         self.settle(until, see).await?;
         self.end = Some(until);
+        for board in core::mem::take(&mut self.keepers) {
+            self.kept.push(self.rig.kept(board, until).await?);
+        }
         Ok(until)
     }
 
@@ -466,7 +482,7 @@ impl Session {
         if let Some(trace) = &mut self.trace {
             (trace.settled, trace.end) = (until, Some(end.clone()));
         }
-        Ok(Ended { end, boards: self.boards(), trace: self.trace, rig: self.rig })
+        Ok(Ended { end, boards: self.boards(), trace: self.trace, kept: self.kept, rig: self.rig })
     }
 
     /// How the boards stand, without the gateways' UARTs.

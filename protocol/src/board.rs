@@ -65,6 +65,11 @@ pub trait Board: Clone {
         Vec::new()
     }
 
+    /// What the board keeps without power. None, if its settings cannot say what it keeps at the start.
+    fn kept(&self) -> Option<Kept> {
+        None
+    }
+
     /// Puts a logic analyser on the board's pins, for [`Board::pins`]. For a board as at power-on. Without it, nothing
     /// of them is computed.
     fn watch_pins(&mut self) {}
@@ -74,6 +79,15 @@ pub trait Board: Clone {
         _ = until;
         Vec::new()
     }
+}
+
+/// What a board keeps without power.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Kept {
+    /// The setting that says what a board keeps at the start: lines of text.
+    pub setting: String,
+    /// The lines with which another board would keep the same.
+    pub lines: Vec<String>,
 }
 
 /// A pin of a board, other than those of its ports.

@@ -9,7 +9,7 @@ use bytes::{Buf, BufMut, BytesMut};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use crate::board::{Description, Output, Stimulus};
+use crate::board::{Description, Kept, Output, Stimulus};
 use crate::clock::Clock;
 use crate::line::Edge;
 use crate::time::Instant;
@@ -17,7 +17,7 @@ use crate::uart::Ear;
 
 /// The version of these records. Harness and board must have the same: they are one program, and a board that runs
 /// elsewhere says in its answer which version it speaks.
-pub const VERSION: u16 = 7;
+pub const VERSION: u16 = 8;
 
 /// The longest record that is accepted, in bytes.
 pub const LENGTH_MAX: usize = 16 << 20;
@@ -34,6 +34,8 @@ pub enum ToBoard {
     Grant(Grant),
     /// The beginning of what the board hears with the next grant.
     Heard(Vec<Heard>),
+    /// The board is to say what it keeps without power, as everything before this instant leaves it.
+    Keep(Instant),
 }
 
 /// From a board to the harness.
@@ -52,6 +54,8 @@ pub enum FromBoard {
     Broken(String),
     /// The beginning of what it does in the next report.
     Told(Vec<Timed>),
+    /// What the board keeps without power.
+    Kept(Option<Kept>),
 }
 
 /// What a board is to be.
@@ -270,7 +274,7 @@ mod tests {
         let mut buffer = BytesMut::new();
         encode(&FromBoard::Ready { version: VERSION, description }, &mut buffer).unwrap();
         let parts: [&[u8]; 9] = [
-            &[0, 7],
+            &[0, 8],
             b"\x01\x01p",
             b"\x02\x01s\x01\x03rpm\x03\x01\x02",
             b"\x01t\0\0\x08\0",
@@ -368,7 +372,7 @@ mod tests {
         let records = Grant { heard, ..Grant::default() }.into_records().map(|record| match record {
             ToBoard::Heard(heard) => heard.len(),
             ToBoard::Grant(grant) => grant.heard.len(),
-            ToBoard::Setup(_) => 0,
+            ToBoard::Setup(_) | ToBoard::Keep(_) => 0,
         });
         assert_eq!(records.collect::<Vec<_>>(), [4, 1]);
         let Heard::Edges { edges, .. } = noisy(0, 100_000) else { panic!() };
@@ -377,7 +381,7 @@ mod tests {
         let records = Report { outputs, ..Report::default() }.into_records().map(|record| match record {
             FromBoard::Told(told) => told.len(),
             FromBoard::Report(report) => report.outputs.len(),
-            FromBoard::Ready { .. } | FromBoard::Broken(_) => 0,
+            FromBoard::Ready { .. } | FromBoard::Broken(_) | FromBoard::Kept(_) => 0,
         });
         assert_eq!(records.collect::<Vec<_>>(), [4, 1]);
     }

@@ -7,7 +7,7 @@
 
 use std::collections::VecDeque;
 
-use crate::board::{Board, Input, MotorStimulus, Output, Pin, Stimulus};
+use crate::board::{Board, Input, Kept, MotorStimulus, Output, Pin, Stimulus};
 use crate::record::{Grant, Heard, Report, Silence, Timed};
 use crate::time::{Instant, Span};
 use crate::uart::{Character, Fifo, Receiver};
@@ -454,6 +454,17 @@ impl<B: Board> Stepper<B> {
     /// The board, run ahead.
     pub const fn board(&self) -> &B {
         self.head.board()
+    }
+
+    /// What the board keeps without power, as everything before `until` leaves it. That lies before nothing that has
+    /// been committed.
+    pub fn kept(&self, until: Instant) -> Option<Kept> {
+        let usable = self.checkpoints.partition_point(|checkpoint| checkpoint.cell.handled < until).max(1);
+        let later = self.checkpoints.get(usable - 1..)?;
+        let mut cell = later.first()?.cell.clone();
+        later.iter().flat_map(|checkpoint| &checkpoint.since).for_each(|heard| cell.hear(heard));
+        cell.run(until, |_, _| ());
+        cell.board().kept()
     }
 
     /// Takes a grant: hears what the harness says, runs ahead, and says what comes out. Where nothing is heard, the

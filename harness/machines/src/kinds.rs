@@ -6,7 +6,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use toml::de::{DeTable, DeValue, ValueDeserializer};
 use toml::{Spanned, Table};
-use torno_protocol::board::{Board, Description, Pin};
+use torno_protocol::board::{Board, Description, Kept, Pin};
 use torno_protocol::clock::Clock;
 use torno_protocol::record::{Grant, Heard, Report, Timed};
 use torno_protocol::settings::{OutOfRange, Setting};
@@ -64,6 +64,9 @@ pub trait Steps: Send {
     /// See [`Stepper::grant`].
     fn grant(&mut self, grant: Grant) -> Result<Report, BrokenPromise>;
 
+    /// What the board keeps without power: see [`Stepper::kept`].
+    fn kept(&self, until: Instant) -> Option<Kept>;
+
     /// Runs the board by itself, with all that it hears before `until`: see [`Cell::watch`]. For one as at power-on.
     fn watch(&self, heard: &[Heard], until: Instant) -> (Vec<Timed>, Vec<Pin>);
 
@@ -82,6 +85,10 @@ impl<B: Board + Send> Steps for Stepper<B> {
 
     fn grant(&mut self, grant: Grant) -> Result<Report, BrokenPromise> {
         Self::grant(self, grant)
+    }
+
+    fn kept(&self, until: Instant) -> Option<Kept> {
+        Self::kept(self, until)
     }
 
     fn watch(&self, heard: &[Heard], until: Instant) -> (Vec<Timed>, Vec<Pin>) {

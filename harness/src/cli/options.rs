@@ -3,8 +3,11 @@
 use std::path::PathBuf;
 
 use anyhow::Context;
+use torno::kept::KeptFile;
 use torno::rig::Driver;
+use torno::rig::file::RigFile;
 use torno_plot::Format;
+use torno_protocol::board::Kept;
 use torno_protocol::time::Span;
 use torno_text::parse_span;
 use torno_trace::Timescale;
@@ -39,6 +42,46 @@ impl Placement {
 
 fn processes() -> anyhow::Result<Driver> {
     Ok(Driver::Processes { exe: std::env::current_exe().context("cannot find this program, to start the boards")? })
+}
+
+/// Files for what boards keep without power.
+#[derive(Debug, clap::Args)]
+pub(super) struct Eeprom {
+    /// Keeps a board's EEPROM in this file, from one session to the next: a line for each thing, as in the rig file.
+    /// BOARD is needed if several boards of the rig have one (may be given several times)
+    #[arg(long = "eeprom", value_name = "[BOARD=]FILE")]
+    files: Vec<String>,
+}
+
+impl Eeprom {
+    /// Opens the files; gives the rig whose boards keep at the start what they say.
+    pub(super) fn open(&self, rig: RigFile) -> anyhow::Result<(Vec<KeptFile>, RigFile)> {
+        self.files.iter().try_fold((Vec::new(), rig), |(mut files, rig), text| {
+            let (file, rig) = KeptFile::open(text, &rig).context("--eeprom")?;
+            files.push(file);
+            Ok((files, rig))
+        })
+    }
+}
+
+/// The places in the rig file of the boards whose files these are.
+pub(super) fn keepers(files: &[KeptFile]) -> Vec<usize> {
+    files.iter().map(KeptFile::board).collect()
+}
+
+/// Writes what the boards keep at the end.
+pub(super) fn write_kept(files: &[KeptFile], kept: &[Option<Kept>]) -> anyhow::Result<()> {
+    for (file, kept) in files.iter().zip(kept) {
+        match kept {
+            Some(kept) => file.write(kept)?,
+            None => tracing::warn!(
+                "board '{}' cannot say what it keeps: '{}' stays as it was",
+                file.name(),
+                file.path().display()
+            ),
+        }
+    }
+    Ok(())
 }
 
 /// A time with its unit; a number alone is in seconds.

@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use torno::fault::{self, FaultFile};
 use torno::job::{FrameJob, Job, LineJob};
+use torno::kept::KeptFile;
 use torno::observe::stderr::say;
 use torno::pace::Pace;
 use torno::pins::pins;
@@ -25,7 +26,7 @@ use torno_trace::Timescale;
 use tracing::Instrument;
 
 use super::gcode::plan::start;
-use super::options::{Placement, drawing, time, timescale};
+use super::options::{Eeprom, Placement, drawing, keepers, time, timescale, write_kept};
 use super::{
     FAILED, INTERRUPTED, Interrupt, Loaded, LoadedLines, OutputFile, load_lines, load_program, load_rig, print_beside,
     rig_and_program, rig_span, start_recording, wait_for_boards, written,
@@ -60,6 +61,8 @@ pub(super) struct Arguments {
     /// Sets what the rig file could say: BOARD.TABLE.FIELD, BOARD.clock_ppm or pc.FIELD (may be given several times)
     #[arg(long, value_name = "PLACE=VALUE")]
     set: Vec<String>,
+    #[command(flatten)]
+    eeprom: Eeprom,
     /// Writes every line of the rig as a one-bit signal (VCD)
     #[arg(long, value_name = "FILE")]
     vcd: Option<PathBuf>,
@@ -99,6 +102,14 @@ pub(super) struct Arguments {
     json: bool,
 }
 
+/// The rig that is meant.
+struct Chosen {
+    /// As it was named.
+    rig: String,
+    file: RigFile,
+    kept_files: Vec<KeptFile>,
+}
+
 impl Arguments {
     pub(super) async fn run(self, started: Instant) -> anyhow::Result<ExitCode> {
         [&self.vcd, &self.part, &self.profile, &self.path, &self.report]
@@ -106,33 +117,27 @@ impl Arguments {
             .flatten()
             .for_each(|path| OutputFile::empty(path));
         let (rig, program) = rig_and_program(self.rig.clone(), self.program.clone());
-        let file = load_rig(&rig, &self.set)?;
+        let (kept_files, file) = self.eeprom.open(load_rig(&rig, &self.set)?)?;
         let span = rig_span(&file);
-        self.play(started, rig, file, program).instrument(span).await
+        self.play(started, Chosen { rig, file, kept_files }, program).instrument(span).await
     }
 
-    async fn play(
-        self,
-        started: Instant,
-        rig: String,
-        file: RigFile,
-        program: Option<PathBuf>,
-    ) -> anyhow::Result<ExitCode> {
+    async fn play(self, started: Instant, chosen: Chosen, program: Option<PathBuf>) -> anyhow::Result<ExitCode> {
+        let file = &chosen.file;
         if file.pc.dialect.counts_characters() {
-            let LoadedLines { name, job, asked } = load_lines(program.as_deref(), &file, self.at)?;
-            return self.play_job(started, rig, file, name, job, asked).await;
+            let LoadedLines { name, job, asked } = load_lines(program.as_deref(), file, self.at)?;
+            return self.play_job(started, chosen, name, job, asked).await;
         }
-        super::plays_frames(&file)?;
-        let Loaded { name, program, asked } = load_program(program.as_deref(), &file, self.at)?;
+        super::plays_frames(file)?;
+        let Loaded { name, program, asked } = load_program(program.as_deref(), file, self.at)?;
         let asked = asked.or_else(|| file.part.as_ref().map(|part| part.asked(&program)));
-        self.play_job(started, rig, file, name, FrameJob::new(program), asked).await
+        self.play_job(started, chosen, name, FrameJob::new(program), asked).await
     }
 
     async fn play_job<J: Told>(
         self,
         started: Instant,
-        rig: String,
-        file: RigFile,
+        Chosen { rig, file, kept_files }: Chosen,
         program_name: String,
         job: J,
         asked: Option<Profile>,
@@ -180,7 +185,8 @@ impl Arguments {
         let started = started + waited;
         let (pace, measure) = (self.pace, self.stats);
         let patience = self.patience;
-        let play = Play { pace, faults, waveforms, measure, keep, patience, ..Play::of(file, job, driver) };
+        let keepers = keepers(&kept_files);
+        let play = Play { pace, faults, waveforms, measure, keep, keepers, patience, ..Play::of(file, job, driver) };
 
         let bar = Bar::new(J::UNIT, total, started);
         let progress = |progress: Progress<'_, J>| {
@@ -192,6 +198,7 @@ impl Arguments {
         };
         let mut played = play.record(recorder, progress, interrupt.received()).await?;
         bar.clear();
+        write_kept(&kept_files, &played.kept)?;
         for unfired in &played.unfired {
             tracing::warn!("{unfired}");
         }

@@ -8,6 +8,7 @@ use serde::Serialize;
 use serde_json::json;
 use torno::control::{Control, socket_beside};
 use torno::fault::{self, FaultFile};
+use torno::kept::KeptFile;
 use torno::live::{Left, Live};
 use torno::pace::Pace;
 use torno::port::{LinkPath, PcPort};
@@ -17,7 +18,7 @@ use torno::scenario::seed_text;
 use torno::session::INTERRUPTED as ENDED;
 use tracing::Instrument;
 
-use super::options::Placement;
+use super::options::{Eeprom, Placement, keepers, write_kept};
 use super::{FAILED, INTERRUPTED, Interrupt, load_rig, print, rig_span, start_recording, wait_for_boards};
 
 #[derive(Debug, clap::Args)]
@@ -40,6 +41,8 @@ pub(super) struct Arguments {
     /// Sets what the rig file could say: BOARD.TABLE.FIELD, BOARD.clock_ppm or pc.FIELD (may be given several times)
     #[arg(long, value_name = "PLACE=VALUE")]
     set: Vec<String>,
+    #[command(flatten)]
+    eeprom: Eeprom,
     /// Records everything that happens, for 'torno trace', 'torno replay' and 'torno diff'; overwrites a trace
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
@@ -80,11 +83,12 @@ struct Board {
 impl Arguments {
     pub(super) async fn run(self) -> anyhow::Result<ExitCode> {
         let file = load_rig(self.rig.as_deref().unwrap_or(DEFAULT), &self.set)?;
+        let (kept_files, file) = self.eeprom.open(file)?;
         let span = rig_span(&file);
-        self.up(file).instrument(span).await
+        self.up(file, kept_files).instrument(span).await
     }
 
-    async fn up(self, file: RigFile) -> anyhow::Result<ExitCode> {
+    async fn up(self, file: RigFile, kept_files: Vec<KeptFile>) -> anyhow::Result<ExitCode> {
         // Before anything is announced, so that whoever reads the announcement may end the rig.
         let mut interrupt = Interrupt::listen()?;
         let link = match self.link {
@@ -116,6 +120,7 @@ impl Arguments {
             live.record(recorder);
         }
         live.plan(&faults);
+        live.ask_at_the_end(keepers(&kept_files));
         live.steer(control, header, names);
         print(&announcement(&file, &live, &socket, self.pace, self.json)?)?;
         tokio::select! {
@@ -125,6 +130,7 @@ impl Arguments {
         tokio::select! {
             left = live.end() => {
                 let left = left?;
+                write_kept(&kept_files, &left.kept)?;
                 for unfired in &left.unfired {
                     tracing::warn!("{unfired}");
                 }

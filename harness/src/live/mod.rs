@@ -8,6 +8,7 @@ use std::io;
 use std::task::Poll;
 use std::time::Duration;
 
+use torno_protocol::board::Kept;
 use torno_protocol::time::{Instant, Span};
 
 use crate::fault::Unfired;
@@ -20,7 +21,7 @@ use crate::rig::{Driver, Incident, Rig};
 use crate::session::{Happened, INTERRUPTED, Session, SessionError};
 use gateway::Gateway;
 use steering::{Steering, next_call};
-use torno_engine::Limit;
+use torno_engine::{Limit, NodeId};
 
 /// Boards that nothing reaches are brought up to date this often, so that none has long to catch up when something
 /// does.
@@ -47,6 +48,8 @@ pub struct Live {
     steering: Option<Steering>,
     /// Since somebody could have asked for something.
     asked: Lapse,
+    /// Boards are asked at the end what they keep without power.
+    asks_at_the_end: bool,
     /// What has become of boards' processes.
     incidents: Vec<Incident>,
 }
@@ -60,6 +63,8 @@ pub struct Left {
     pub incidents: Vec<Incident>,
     /// The faults that have broken nothing.
     pub unfired: Vec<Unfired>,
+    /// What the boards keep without power that were to be asked.
+    pub kept: Vec<Option<Kept>>,
 }
 
 impl Live {
@@ -79,6 +84,7 @@ impl Live {
             kept_up: Instant::START,
             steering: None,
             asked: Lapse::begin(AT_ONCE),
+            asks_at_the_end: false,
             incidents: Vec::new(),
         })
     }
@@ -88,6 +94,12 @@ impl Live {
         self.session.record(recorder);
     }
 
+    /// Asks these boards at the end what they keep without power.
+    pub fn ask_at_the_end(&mut self, boards: Vec<NodeId>) {
+        self.asks_at_the_end = !boards.is_empty();
+        self.session.ask_at_the_end(boards);
+    }
+
     /// Ends it, and the recording, if there is one: every board is brought to one instant, so that what is recorded is
     /// all that happened before it.
     ///
@@ -95,15 +107,13 @@ impl Live {
     /// [`SessionError`] if the rig breaks over it, or the recording cannot be written.
     pub async fn end(mut self) -> Result<Left, SessionError> {
         let mut end = self.now().max(self.session.rig().engine().frontier()).max(Instant::START.next());
-        if self.session.is_recorded() {
+        if self.session.is_recorded() || self.asks_at_the_end {
             self.settle(end).await?;
             end = self.session.reach_end(end, |_| ()).await?;
         }
-        let left = Left { end, unfired: self.session.unfired(), incidents: self.incidents };
-        if self.session.is_recorded() {
-            self.session.close(INTERRUPTED)?;
-        }
-        Ok(left)
+        let unfired = self.session.unfired();
+        let kept = self.session.close(INTERRUPTED)?.kept;
+        Ok(Left { end, unfired, kept, incidents: self.incidents })
     }
 
     /// The rig.

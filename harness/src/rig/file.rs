@@ -249,6 +249,14 @@ impl RigFile {
     /// # Errors
     /// What is wrong with the place or the value.
     pub fn with(&self, place: &str, value: &str) -> Result<Self, String> {
+        self.with_value(place, place::parsed(value))
+    }
+
+    /// The same with a value of any type.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn with_value(&self, place: &str, value: toml::Value) -> Result<Self, String> {
         let mut table: toml::Table = toml::from_str(&self.text).map_err(|error| error.message().to_owned())?;
         place::set(&mut table, place, value)?;
         let text = toml::to_string(&table).map_err(|error| error.to_string())?;

@@ -19,7 +19,7 @@ use std::time::Duration;
 use rustix::process::Pid;
 use rustix::thread::CpuSet;
 use tokio::signal::unix::{Signal, SignalKind, signal};
-use torno_protocol::board::{Description, Stimulus, Wait};
+use torno_protocol::board::{Description, Kept, Stimulus, Wait};
 use torno_protocol::clock::Clock;
 use torno_protocol::layout::{Layout, LineLayout};
 use torno_protocol::record::{FromBoard, Grant, Setup, VERSION};
@@ -438,6 +438,23 @@ impl Rig {
         self.engine.take_hits()
     }
 
+    /// What a board keeps without power, as everything before `until` leaves it. That has been settled. None, if the
+    /// board is gone or stopped, or keeps nothing.
+    ///
+    /// # Errors
+    /// [`RigError::Record`] if the board does not understand.
+    pub async fn kept(&mut self, node: NodeId, until: Instant) -> Result<Option<Kept>, RigError> {
+        let Node { name, seat, .. } = &mut self.nodes[node];
+        match seat {
+            Seat::Local(stepper) => Ok(stepper.kept(until)),
+            Seat::Process(process) => {
+                let kept = process.kept(until).await;
+                kept.map_err(|source| RigError::Record { board: name.clone(), source })
+            }
+            Seat::Empty => Ok(None),
+        }
+    }
+
     /// Ends a board as the death of its process would, except that nobody is told: for a run that is repeated. Says
     /// from when on nothing comes from it.
     pub fn end_board(&mut self, node: NodeId) -> Instant {
@@ -603,8 +620,8 @@ impl Rig {
         match answer {
             Ok(Some(FromBoard::Report(report))) => Ok(self.engine.answer(id, report)?),
             Ok(Some(FromBoard::Broken(message))) => Err(RigError::Board { board: name.clone(), message }),
-            Ok(Some(FromBoard::Ready { .. } | FromBoard::Told(_))) => {
-                Err(RigError::Board { board: name.clone(), message: "introduced itself twice".to_owned() })
+            Ok(Some(FromBoard::Ready { .. } | FromBoard::Told(_) | FromBoard::Kept(_))) => {
+                Err(RigError::Board { board: name.clone(), message: "answered what it was not asked".to_owned() })
             }
             Err(source) => Err(RigError::Record { board: name.clone(), source }),
             Ok(None) => {

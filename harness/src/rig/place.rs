@@ -13,7 +13,7 @@ const OF_A_BOARD: [&str; 1] = ["clock_ppm"];
 /// # Errors
 /// There is no such board, with the nearest that there is; or the place is none. Whether there is such a field, and
 /// whether the value fits it, the rig's own check tells.
-pub fn set(rig: &mut Table, place: &str, value: &str) -> Result<(), String> {
+pub fn set(rig: &mut Table, place: &str, value: Value) -> Result<(), String> {
     let words: Vec<&str> = place.split('.').collect();
     let (table, words) = match &words[..] {
         ["pc", rest @ ..] => (rig.get_mut("pc").and_then(Value::as_table_mut).ok_or("there is no pc")?, rest.to_vec()),
@@ -28,7 +28,7 @@ pub fn set(rig: &mut Table, place: &str, value: &str) -> Result<(), String> {
         }
         [] => return Err("expected a place".to_owned()),
     };
-    *entry(table, &words)? = parsed(value);
+    *entry(table, &words)? = value;
     Ok(())
 }
 

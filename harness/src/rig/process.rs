@@ -10,8 +10,9 @@ use std::task::{Context, Poll, ready};
 
 use rustix::process::{Pid, WaitId, WaitIdOptions};
 use tokio::process::{Child, Command};
-use torno_protocol::board::Description;
+use torno_protocol::board::{Description, Kept};
 use torno_protocol::record::{FromBoard, Report, Setup, Timed, ToBoard, VERSION};
+use torno_protocol::time::Instant;
 
 use super::{Bytes, SLOW_BOARD};
 use crate::channel::{Channel, is_gone};
@@ -123,7 +124,21 @@ impl BoardProcess {
             Some(FromBoard::Ready { .. }) => other("expected another description of the board: it is another build"),
             Some(FromBoard::Broken(message)) => Err(Unfit::Other(message)),
             None => other("its process ended at once"),
-            Some(FromBoard::Report(_) | FromBoard::Told(_)) => other("answered before it was asked"),
+            Some(FromBoard::Report(_) | FromBoard::Told(_) | FromBoard::Kept(_)) => {
+                other("answered before it was asked")
+            }
+        }
+    }
+
+    /// What the board keeps without power; None, if it is gone, or does not answer.
+    pub(super) async fn kept(&mut self, until: Instant) -> io::Result<Option<Kept>> {
+        self.send(&ToBoard::Keep(until))?;
+        let answer = tokio::time::timeout(SLOW_BOARD, poll_fn(|context| self.poll_receive(context)));
+        match answer.await {
+            Ok(Ok(Some(FromBoard::Kept(kept)))) => Ok(kept),
+            Ok(Ok(None)) | Err(_) => Ok(None),
+            Ok(Ok(Some(_))) => Err(io::Error::other("something else than what it keeps")),
+            Ok(Err(error)) => Err(error),
         }
     }
 

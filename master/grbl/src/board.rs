@@ -6,7 +6,9 @@ use torno_grbl::Abilities;
 use torno_grbl::controller::Controller;
 use torno_grbl::memory::Memory;
 use torno_grbl::state::State;
-use torno_protocol::board::{self, Capability, Deadline, Description, Input, Output, Pin, Role, Signal, Stimulus};
+use torno_protocol::board::{
+    self, Capability, Deadline, Description, Input, Kept, Output, Pin, Role, Signal, Stimulus,
+};
 use torno_protocol::clock::{Clock, Rate};
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::{Character, Receiver, Transmitter};
@@ -19,6 +21,8 @@ use crate::wired::{EVENTS, Wired};
 const USB: u8 = 0;
 /// The speed of the PC's line.
 const USB_RATE: Rate = Rate::hz(115_200);
+/// The setting that says what the EEPROM holds at the start.
+const EEPROM: &str = "eeprom";
 /// X and Z move; the main motor turns one way.
 const ABILITIES: Abilities =
     Abilities { axes: [true, false, true, false], counterclockwise: false, single_homing: false, holds_slowly: true };
@@ -220,5 +224,9 @@ impl<M: Wired> board::Board for Board<M> {
 
     fn pins(&mut self, until: Instant) -> Vec<Pin> {
         self.controller.machine_mut().pins(until)
+    }
+
+    fn kept(&self) -> Option<Kept> {
+        Some(Kept { setting: EEPROM.to_owned(), lines: self.controller.memory().lines() })
     }
 }

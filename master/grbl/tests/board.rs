@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "part of tests")]
 
 use torno_grbl_board::{Grbl, GrblSettings};
-use torno_protocol::board::{Output, Stimulus};
+use torno_protocol::board::{Board as _, Kept, Output, Stimulus};
 use torno_protocol::clock::{Clock, Rate};
 use torno_protocol::record::Heard;
 use torno_protocol::stepping::Cell;
@@ -115,9 +115,25 @@ fn the_eeprom_begins_with_what_the_rig_file_says() {
 }
 
 #[test]
+fn what_the_eeprom_holds_is_told_as_the_setting_of_another_board() {
+    let mut bench = Bench::new(&settings(r#"eeprom = ["$110=12.5", "$10=3"]"#));
+    for line in ["$10=1", "$I=BENCH", "G10L2P2X1.5Z-0.0625"] {
+        assert_eq!(bench.says(line), ["ok"], "{line}");
+    }
+    let Kept { setting, lines } = bench.cell.board().kept().unwrap();
+    assert_eq!(lines, ["$110=12.5", "$I=BENCH", "[G55:1.5,0,-0.0625]"]);
+    let mut other = Bench::new(&settings(&format!("{setting} = {lines:?}")));
+    assert_eq!(other.says("$#")[1], "[G55:1.500,0.000,-0.063]");
+    assert_eq!(other.cell.board().kept().unwrap().lines, lines);
+}
+
+#[test]
 fn an_eeprom_that_cannot_be_is_told() {
     let wrong = |line: &str| toml::from_str::<GrblSettings>(line).unwrap().check().unwrap_err().to_string();
-    assert_eq!(wrong(r#"eeprom = ["$110=12.5", "$103=1"]"#), "eeprom: '$103=1': error:3");
+    assert_eq!(
+        wrong(r#"eeprom = ["$110=12.5", "$103=1"]"#),
+        "eeprom: '$103=1': expected a setting that the controller has (error:3)"
+    );
     assert!(wrong(r#"eeprom = ["G0X1"]"#).starts_with("eeprom: 'G0X1' is nothing that is kept: expected a line like"));
 }
 

@@ -90,7 +90,7 @@ pub struct Memory {
     /// What `$I=` has stored.
     pub(crate) info: String,
     /// What `$RST` restores.
-    defaults: Settings,
+    pub(crate) defaults: Settings,
 }
 
 impl Memory {

@@ -65,6 +65,10 @@ impl Board for Counter {
     fn mute(&self) -> bool {
         self.claims_to_be_mute
     }
+
+    fn kept(&self) -> Option<Kept> {
+        Some(Kept { setting: "tick".to_owned(), lines: vec![self.tick.to_string()] })
+    }
 }
 
 fn byte(byte: u8, at: Instant) -> Heard {
@@ -357,4 +361,22 @@ fn power_on_ends_a_hang_and_empties_the_fifo() {
     stimuli.iter().for_each(|(at, what)| cell.hear(&stimulus(ms(*at), what.clone())));
     [(1, 200), (2, 350), (3, 510)].iter().for_each(|(n, at)| cell.hear(&byte(*n, ms(*at))));
     assert_eq!(characters(&run(&mut cell, ms(900))), [(350, 2, false)]);
+}
+
+/// It has been run ahead, and hears something that takes it back.
+#[test]
+fn what_a_board_keeps_is_what_it_keeps_at_that_instant() {
+    let mut stepper = Stepper::new(Counter::new(true, false));
+    let grants = [(ms(10), vec![]), (ms(1_000), vec![byte(b'a', ms(700))]), (ms(1_000), vec![byte(b'b', ms(1_100))])];
+    for (until, heard) in grants {
+        stepper.grant(grant(until, heard)).unwrap();
+    }
+    for at in [1, 29, 30, 31, 91, 700, 950, 1_400] {
+        let kept = stepper.kept(ms(at)).unwrap();
+        // It has ticked at what lies before.
+        assert_eq!(kept.lines, [ms((at - 1) / 30 * 30 + 30).to_string()], "{at}");
+    }
+    let report = stepper.grant(Grant { commit: ms(1_400), until: ms(1_500), heard: vec![] }).unwrap();
+    assert!(report.horizon >= ms(1_500));
+    assert_eq!(stepper.kept(ms(1_400)).unwrap().lines, [ms(1_410).to_string()]);
 }
