@@ -18,6 +18,8 @@ struct Bench {
     pc: Transmitter,
     line: Receiver,
     said: Vec<u8>,
+    /// The events: number and value.
+    events: Vec<(u8, i64)>,
 }
 
 impl Bench {
@@ -29,6 +31,7 @@ impl Bench {
             pc: Transmitter::hardware(RATE, Clock::TRUE),
             line: Receiver::hardware(RATE, Clock::TRUE),
             said: Vec::new(),
+            events: Vec::new(),
         };
         bench.starts();
         bench
@@ -40,13 +43,17 @@ impl Bench {
 
     /// What it says to a line.
     fn says(&mut self, line: &str) -> Vec<String> {
-        for byte in line.bytes().chain([b'\n']) {
-            self.pc.push(byte);
+        self.send(format!("{line}\n").as_bytes());
+        self.hears(Span::from_millis(200))
+    }
+
+    fn send(&mut self, bytes: &[u8]) {
+        for byte in bytes {
+            self.pc.push(*byte);
             let loaded = self.pc.load(self.now.max(self.pc.free_at())).unwrap();
             self.cell.hear(&Heard::Edges { port: 0, edges: loaded.edges });
             self.run_to(loaded.end);
         }
-        self.hears(Span::from_millis(200))
     }
 
     fn hears(&mut self, time: Span) -> Vec<String> {
@@ -56,14 +63,16 @@ impl Bench {
     }
 
     fn run_to(&mut self, until: Instant) {
-        let Self { cell, line, said, .. } = self;
-        cell.run(until, |_, output| {
-            if let Output::Character { port: 0, edges, .. } = &output {
+        let Self { cell, line, said, events, .. } = self;
+        cell.run(until, |_, output| match &output {
+            Output::Character { port: 0, edges, .. } => {
                 line.hear(edges);
                 while let Some(at) = line.poll_timeout() {
                     said.extend(line.take(at).and_then(Character::ok));
                 }
             }
+            Output::Event { event, value } => events.push((*event, *value)),
+            _ => {}
         });
         self.now = until;
     }
@@ -149,4 +158,16 @@ fn the_room_in_the_buffers_is_that_of_the_rig_file() {
         bench.says("G1Z-1F100");
         assert!(status(&mut bench).contains(&format!("|Bf:{},128|", blocks - 1)), "{blocks}");
     }
+}
+
+#[test]
+fn while_a_dwell_holds_it_up_it_takes_128_bytes_and_tells_of_the_129th() {
+    let mut bench = Bench::new(&GrblSettings::default());
+    bench.send(b"G4P2\n");
+    bench.send(&[b'\n'; 128]);
+    assert_eq!((bench.said.len(), bench.events.len()), (0, 0));
+    bench.send(b"\r");
+    assert_eq!(bench.events, [(0, i64::from(b'\r'))]);
+    assert_eq!(bench.cell.board().description().events[0], "the receive buffer is full: {} is lost");
+    assert_eq!(bench.hears(Span::from_secs(3)), ["ok"; 1 + 128]);
 }
