@@ -5,8 +5,8 @@
 mod common;
 
 use common::Bench;
-use torno_protocol::board::{Channel, MotorStimulus};
-use torno_protocol::time::Span;
+use torno_protocol::board::{Channel, MotorStimulus, Output};
+use torno_protocol::time::{Instant, Span};
 
 const OPEN: &str = "loop.mode = \"open\"\n";
 
@@ -17,7 +17,7 @@ fn move_x(bench: &mut Bench, mm: f64, mm_per_s: f64) -> String {
 }
 
 /// This happens in the middle of a motion of 10 mm.
-fn in_the_middle(bench: &mut Bench, mm_per_s: f64, what: MotorStimulus) -> torno_protocol::time::Instant {
+fn in_the_middle(bench: &mut Bench, mm_per_s: f64, what: MotorStimulus) -> Instant {
     let middle = bench.now + Span::from_millis((5_000.0 / mm_per_s) as u64);
     bench.stimuli.push_back((middle, 0, what));
     middle
@@ -218,4 +218,28 @@ fn steady_friction_is_corrected_once() {
     let mut bench = Bench::new("motor.friction = 0.8");
     move_x(&mut bench, 10.0, 10.0);
     assert!(bench.worst(0) <= 0.0101 && bench.corrections(0) == 1 && bench.pulses(0) == 4_004);
+}
+
+/// Everything that was done by pins, with a status asked for ten times a second or never.
+fn moved(asks: bool) -> Vec<(Instant, Output)> {
+    let mut bench = Bench::new("");
+    let shock = in_the_middle(&mut bench, 10.0, MotorStimulus::Load(1_500));
+    bench.stimuli.push_back((shock + Span::from_millis(40), 0, MotorStimulus::Load(0)));
+    bench.send("G91G1X10Y4F600\nX-3Z1\nG2X4Y4I4\n");
+    let end = bench.now + Span::from_secs(6);
+    while bench.now < end {
+        bench.run_to(bench.now + Span::from_millis(100));
+        if asks {
+            assert!(bench.status().contains('<'));
+        }
+    }
+    let is_pin = |output: &Output| matches!(output, Output::Pin { .. });
+    bench.outputs.into_iter().filter(|(_, output)| is_pin(output)).collect()
+}
+
+#[test]
+fn whoever_asks_changes_no_pulse() {
+    let (asked, left_alone) = (moved(true), moved(false));
+    assert!(left_alone.len() > 100);
+    assert_eq!(asked, left_alone);
 }

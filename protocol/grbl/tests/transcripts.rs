@@ -1,32 +1,18 @@
 //! The controller against conversations recorded with the firmware 1.1h (20190830) on an ATmega328P at 115 200 baud.
 
-use common::{Board, LATHE};
+use common::{Board, LATHE, transcript};
 use torno_grbl::memory::Settings;
 
 mod common;
 
+const LINES: &str = include_str!("transcripts/08-lines.txt");
+
 /// Plays a conversation, and says where the answers depart from the firmware's.
-fn differences(mut board: Board, transcript: &str) -> Vec<String> {
-    let mut differences = Vec::new();
-    let mut lines = transcript.lines().peekable();
-    while let Some(line) = lines.next() {
-        let (_, rest) = line.trim_start().split_once(' ').unwrap_or_default();
-        let Some(sent) = rest.strip_prefix('>') else { continue };
-        let sent = sent.strip_prefix(' ').unwrap_or(sent);
-        let mut expected = Vec::new();
-        while let Some(line) = lines.next_if(|line| line.trim_start().split(' ').nth(1) != Some(">")) {
-            expected.push(line.trim_start().splitn(3, ' ').nth(2).unwrap_or_default().to_owned());
-        }
-        match sent.strip_prefix('[').and_then(|hex| u8::from_str_radix(hex.strip_suffix(']')?, 16).ok()) {
-            Some(byte) => board.send(&[byte]),
-            None => board.send(format!("{sent}\n").as_bytes()),
-        }
-        let found = board.said();
-        if found != expected {
-            differences.push(format!("{sent:?}: found {found:?}, expected {expected:?}"));
-        }
-    }
-    differences
+fn differences(mut board: Board, text: &str) -> Vec<String> {
+    transcript::differences(text, |bytes| {
+        board.send(bytes);
+        board.said()
+    })
 }
 
 fn assert_same(transcript: &str) {
@@ -61,25 +47,13 @@ fn it_stores_settings_as_the_firmware_does() {
 
 #[test]
 fn it_answers_random_lines_as_the_firmware_does() {
-    let mut board = Board::new();
-    let mut differences = Vec::new();
-    for line in include_str!("transcripts/08-lines.txt").lines() {
-        if line.starts_with("# block") {
-            board = Board::new();
-        } else if let Some(modes) = line.strip_prefix("# [GC:") {
-            board.send(b"$G\n");
-            let found = board.said();
-            if found != [format!("[GC:{modes}"), "ok".to_owned()] {
-                differences.push(format!("{found:?}, expected {modes:?}"));
-            }
-        } else if let Some((expected, sent)) = line.split_once('\t') {
-            board.send(format!("{sent}\n").as_bytes());
-            let found = board.said();
-            if found.last().map(String::as_str) != Some(expected) {
-                differences.push(format!("{sent:?}: found {found:?}, expected {expected:?}"));
-            }
+    let differences = transcript::differing_lines(LINES, || {
+        let mut board = Board::new();
+        move |bytes: &[u8]| {
+            board.send(bytes);
+            board.said()
         }
-    }
+    });
     assert!(differences.is_empty(), "{} differ:\n{}", differences.len(), differences.join("\n"));
 }
 

@@ -80,6 +80,20 @@ impl Bench {
         heard.lines().map(str::to_owned).filter(|line| !line.is_empty()).collect()
     }
 
+    /// Sends bytes, and gives what was said until nothing more happens.
+    pub(crate) fn says(&mut self, bytes: &[u8]) -> Vec<String> {
+        for byte in bytes {
+            self.run_to(self.now + CHARACTER);
+            self.board.handle_input(self.now, Input::Character { port: 0, character: Character::good(*byte) });
+            self.drain();
+        }
+        while let Some(next) = self.next() {
+            self.run_to(next.next());
+        }
+        let heard = core::mem::take(&mut self.heard);
+        heard.lines().map(str::to_owned).collect()
+    }
+
     /// The status.
     pub(crate) fn status(&mut self) -> String {
         self.send("?");

@@ -13,6 +13,7 @@ use torno_grbl::{Abilities, Axes, Spindle};
 use torno_protocol::time::Instant;
 
 pub(crate) mod answers;
+pub(crate) mod transcript;
 
 /// X and Z move, and the spindle turns one way.
 pub(crate) const LATHE: Abilities =
