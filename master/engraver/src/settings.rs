@@ -1,6 +1,8 @@
 //! The settings of the board.
 
 use torno_grbl::memory::{Memory, Settings};
+use torno_grbl_board::Eeprom;
+use torno_protocol::settings::{OutOfRange, Range};
 use torno_protocol::{choice, settings};
 use torno_stepper::{
     AxisSettings, CountScale, DriveSettings, EncoderSettings, Law, LoopSettings, MechanicsSettings, Mode, MotorSettings,
@@ -40,6 +42,8 @@ settings! {
         others: Others = Others::Wait, Others::NAMES, "", "ours";
         /// While an axis moves, it is told so often where it is.
         tell_ms: u32 = 100, 1..=10_000, "ms", "ours";
+        /// What its EEPROM holds at the start. Without a line for it, a setting is as the others here make it.
+        eeprom: Eeprom = Eeprom::default(), Lines, "", "ours";
         /// Settings that belong together.
         preset: Preset = Preset::None, Preset::NAMES, "", "ours";
         /// The stepper motors.
@@ -84,6 +88,20 @@ settings! {
         degrees_per_s: f64 = 90.0, 0.001..=10_000.0, "°/s", "ours";
         /// How fast it gains speed.
         degrees_per_s2: f64 = 720.0, 0.01..=1_000_000.0, "°/s2", "ours";
+    }
+}
+
+/// What the EEPROM can hold: a board of three axes refuses what is about the fourth.
+struct Lines;
+
+impl Range<Eeprom> for Lines {
+    fn accept(&self, found: &Eeprom) -> Result<(), String> {
+        let three = found.load(Settings::default());
+        three.or_else(|_| found.load(Settings::with_a())).map(|_| ())
+    }
+
+    fn text(&self) -> String {
+        Eeprom::EXPECTED.to_owned()
     }
 }
 
@@ -139,8 +157,13 @@ impl EngraverSettings {
         }
     }
 
-    /// What the EEPROM holds at the start.
+    /// What the EEPROM holds at the start. The settings have been checked.
     pub(crate) fn memory(&self) -> Memory {
+        self.eeprom.load(self.firmware()).unwrap_or_else(|_| Memory::new(self.firmware()))
+    }
+
+    /// The firmware's settings for this machine.
+    fn firmware(&self) -> Settings {
         let mut settings = if self.axes == 4 { Settings::with_a() } else { Settings::default() };
         for axis in 0..self.axes as usize {
             let own = self.axis(axis);
@@ -150,11 +173,13 @@ impl EngraverSettings {
             settings.acceleration[axis] = acceleration as f32;
             settings.max_travel[axis] = own.mechanics.travel_mm as f32;
         }
-        Memory::new(settings)
+        settings
     }
 
-    fn check_together(&self) -> Result<(), torno_protocol::settings::OutOfRange> {
+    fn check_together(&self) -> Result<(), OutOfRange> {
         let settings = self.preset();
+        let eeprom = self.eeprom.load(self.firmware());
+        eeprom.map_err(|message| OutOfRange { field: "eeprom".to_owned(), message })?;
         for (axis, name) in ["x", "y", "z", "a"].into_iter().enumerate().take(self.axes as usize) {
             let own = settings.axis(axis);
             own.check().map_err(|mut wrong| {
@@ -166,7 +191,7 @@ impl EngraverSettings {
             })?;
             let field = if axis < 3 { format!("{name}.mm_per_s") } else { "a.degrees_per_s".to_owned() };
             let message = own.check_speed(settings.motion(axis).0);
-            message.map_err(|message| torno_protocol::settings::OutOfRange { field, message })?;
+            message.map_err(|message| OutOfRange { field, message })?;
         }
         Ok(())
     }

@@ -20,8 +20,14 @@ impl fmt::Display for Eeprom {
 }
 
 impl Eeprom {
+    /// What its lines may be.
+    pub const EXPECTED: &str = "lines of $$, $# and $N, and $I=";
+
     /// What is kept, with these settings where no line says something else.
-    fn load(&self, settings: Settings) -> Result<Memory, String> {
+    ///
+    /// # Errors
+    /// The line that cannot be, and what was expected.
+    pub fn load(&self, settings: Settings) -> Result<Memory, String> {
         let mut memory = Memory::new(settings);
         memory.load(self.0.iter().map(String::as_str)).map(|()| memory)
     }
@@ -36,7 +42,7 @@ impl Range<Eeprom> for Lines {
     }
 
     fn text(&self) -> String {
-        "lines of $$, $# and $N, and $I=".to_owned()
+        Eeprom::EXPECTED.to_owned()
     }
 }
 
