@@ -16,7 +16,7 @@ use crate::text_file::TextError;
 use torno_bus::Names;
 use torno_engine::{Disturbance, NodeId, Tampering};
 use torno_text::{Complaint, Invalid, nearest};
-use torno_text::{Dice, Range as Quantities, Ratio, parse_ratio, parse_span, span};
+use torno_text::{Dice, Range as Quantities, Ratio, parse_length, parse_ratio, parse_span, span};
 
 /// What can happen to a line.
 pub const LINE_KINDS: [&str; 9] =
@@ -408,7 +408,7 @@ impl RawFault {
             }
             "slip" => BoardFault::Slip(self.integer(-1_000_000, 1_000_000, "so many electrical turns")? as i32),
             "skip" => BoardFault::Skip(self.integer(1, 1_000_000_000, "in how many pulses one is lost")? as u32),
-            "shift" => BoardFault::Shift(self.integer(-1_000_000, 1_000_000, "so many micrometres")? as i32),
+            "shift" => BoardFault::Shift((1e3 * self.length("so many mm, -1000 to 1000")?).round() as i32),
             "swap" => BoardFault::Swap,
             "dead" => {
                 let what = "the encoder's channel, \"A\" or \"B\"";
@@ -451,6 +451,16 @@ impl RawFault {
         } else {
             Err((value.span(), format!("'{text}': expected {what}")))
         }
+    }
+
+    /// In mm; a number without a unit is mm.
+    fn length(&self, what: &str) -> Result<f64, Complaint> {
+        let value = self.value(what)?;
+        let text = text_of(value);
+        let found = text.parse().map_or_else(|_| parse_length(&text), Ok);
+        let found = found.map_err(|message| (value.span(), format!("{what}: {message}")))?;
+        let fits = (-1_000.0..=1_000.0).contains(&found);
+        if fits { Ok(found) } else { Err((value.span(), format!("'{text}': expected {what}"))) }
     }
 
     fn integer(&self, least: i64, most: i64, what: &str) -> Result<i64, Complaint> {

@@ -243,3 +243,22 @@ fn whoever_asks_changes_no_pulse() {
     assert!(left_alone.len() > 100);
     assert_eq!(asked, left_alone);
 }
+
+#[test]
+fn after_homing_lost_counts_are_found_at_the_index_mark() {
+    let mut bench = Bench::new("eeprom = [\"$22=1\"]");
+    assert_eq!(bench.line("$H"), ["ok"]);
+    assert!(bench.status().contains("<Idle|MPos:-1.000,-1.000,-1.000,0.000"));
+    assert!((bench.carriage(0) - 149.0).abs() <= 0.002, "{}", bench.carriage(0));
+    move_x(&mut bench, -20.0, 25.0);
+    bench.stimuli.push_back((bench.now, 0, MotorStimulus::Counts(5)));
+    // The loop believes the counts, and takes the carriage away.
+    move_x(&mut bench, -1.0, 25.0);
+    assert!((bench.carriage(0) - 128.0).abs() > 0.03, "{}", bench.carriage(0));
+    let said = bench.line("G91 G1 X-70 F1500");
+    assert_eq!(said, ["ok"]);
+    let said = bench.wait_for(|heard| heard.contains("counts]"));
+    assert!(said.iter().any(|line| line.starts_with("[MSG:X had ") && line.ends_with(" 5 counts]")), "{said:?}");
+    bench.rest();
+    assert!((bench.carriage(0) - 58.0).abs() <= 0.01, "{}", bench.carriage(0));
+}
