@@ -7,6 +7,7 @@ use crate::axes::{A, Axes, LETTERS, MOST, X, Z};
 use crate::code::Code;
 use crate::memory::{Memory, SYSTEMS};
 use crate::modal::{FeedMode, Modal, Motion, Spindle};
+use crate::number;
 use crate::path::{Line, Rate};
 use crate::steps::Step;
 use crate::words::{AxisCommand, Flow, Once, Words};
@@ -16,7 +17,7 @@ const M_PER_FOOT: f32 = 0.3048;
 /// Constant surface speed is followed where the spindle is off by more than this share.
 const OFF: f32 = 0.05;
 /// The largest number of a line.
-const LINE_MOST: i64 = 10_000_000;
+const LINE_MOST: i32 = 10_000_000;
 /// G10: as L words.
 const L_ORIGIN: u8 = 2;
 const L_PLACE: u8 = 20;
@@ -211,7 +212,7 @@ impl<'a> Reader<'a> {
             return Err(Code::ValueMissing);
         }
         // What does not fit into a byte is cut off.
-        let number = self.words.p.trunc() as i64 as u8;
+        let number = number::unsigned(self.words.p) as u8;
         if usize::from(number) > SYSTEMS {
             return Err(Code::UnsupportedSystem);
         }

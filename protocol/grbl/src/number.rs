@@ -44,6 +44,19 @@ pub(crate) fn read(text: &[u8]) -> Option<(f32, &[u8])> {
     Some((if negative { -value } else { value }, rest))
 }
 
+/// A number as the chip makes an unsigned integer of it: cut off, a negative one as its complement. One that 32 bits do
+/// not hold is 0.
+pub(crate) fn unsigned(value: f32) -> u32 {
+    let whole = libm::truncf(value);
+    if whole.abs() < 4_294_967_296.0 { whole as i64 as u32 } else { 0 }
+}
+
+/// The same for a signed integer. One that 32 bits do not hold is the least that they hold.
+pub(crate) fn signed(value: f32) -> i32 {
+    let whole = libm::truncf(value);
+    if whole.abs() < 2_147_483_648.0 { whole as i32 } else { i32::MIN }
+}
+
 /// Prints a number with so many decimals, half up.
 pub(crate) fn print(value: f32, decimals: usize) -> String {
     let mut scaled = value.abs();
@@ -53,7 +66,7 @@ pub(crate) fn print(value: f32, decimals: usize) -> String {
     if decimals % 2 == 1 {
         scaled *= 10.0;
     }
-    let digits = format!("{:0width$}", (scaled + 0.5) as i32, width = decimals + 1);
+    let digits = format!("{:0width$}", signed(scaled + 0.5).unsigned_abs(), width = decimals + 1);
     let sign = if value < 0.0 { "-" } else { "" };
     let (whole, fraction) = digits.split_at(digits.len() - decimals);
     if decimals == 0 { format!("{sign}{whole}") } else { format!("{sign}{whole}.{fraction}") }
@@ -89,6 +102,16 @@ mod tests {
 
     #[test]
     fn a_number_too_large_to_print_is_cut_off() {
-        assert_eq!(print(1e10, 3), "2147483.647");
+        assert_eq!(print(1e10, 3), "2147483.648");
+    }
+
+    #[test]
+    fn integers_are_made_of_numbers_as_on_the_chip() {
+        for (value, expected) in [(2.9, 2), (-1.0, u32::MAX), (4e9, 4_000_000_000), (4.3e9, 0), (f32::INFINITY, 0)] {
+            assert_eq!(unsigned(value), expected, "{value}");
+        }
+        for (value, expected) in [(2.9, 2), (-1.5, -1), (2e9, 2_000_000_000), (3e9, i32::MIN), (-3e9, i32::MIN)] {
+            assert_eq!(signed(value), expected, "{value}");
+        }
     }
 }

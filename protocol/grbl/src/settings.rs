@@ -121,7 +121,7 @@ impl Settings {
             return Ok(());
         }
         // What does not fit into a byte is cut off.
-        let byte = value as i64 as u8;
+        let byte = number::unsigned(value) as u8;
         match number {
             0 if byte < PULSE_LEAST => return Err(Code::StepPulseTooShort),
             SOFT_LIMITS if byte != 0 && !self.homes() => return Err(Code::SoftLimitsNeedHoming),

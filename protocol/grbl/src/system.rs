@@ -22,7 +22,7 @@ pub(crate) enum Command {
     StoreInfo(String),
     Startup,
     StoreStartup {
-        number: usize,
+        number: u8,
         block: Vec<u8>,
     },
     Store {
@@ -72,7 +72,7 @@ pub(crate) fn read(text: &[u8], state: State) -> Result<Command, Code> {
         [b'N', ..] if state != State::Idle => Err(Code::NotIdle),
         [b'N', assignment @ ..] => {
             let (number, block) = assign(assignment)?;
-            Ok(Command::StoreStartup { number: number as usize, block: block.to_vec() })
+            Ok(Command::StoreStartup { number: number::unsigned(number) as u8, block: block.to_vec() })
         }
         assignment => {
             let (number, value) = assign(assignment)?;
@@ -80,7 +80,7 @@ pub(crate) fn read(text: &[u8], state: State) -> Result<Command, Code> {
             if !rest.is_empty() || number > f32::from(u8::MAX) {
                 return Err(Code::InvalidStatement);
             }
-            Ok(Command::Store { number: number as u8, value })
+            Ok(Command::Store { number: number::unsigned(number) as u8, value })
         }
     }
 }

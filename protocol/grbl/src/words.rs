@@ -99,7 +99,7 @@ pub(crate) struct Words {
     pub(crate) f: f32,
     pub(crate) ijk: [f32; 3],
     pub(crate) l: u8,
-    pub(crate) n: i64,
+    pub(crate) n: i32,
     pub(crate) p: f32,
     pub(crate) r: f32,
     pub(crate) s: f32,
@@ -120,8 +120,8 @@ impl Words {
             let (value, after) = number::read(after).ok_or(Code::BadNumber)?;
             rest = after;
             // What does not fit is cut off: a command is a byte.
-            let whole = value.trunc() as i64 as u8;
-            let hundredths = libm::roundf(100.0 * (value - f32::from(whole))) as i64 as u16;
+            let whole = number::unsigned(value) as u8;
+            let hundredths = number::unsigned(libm::roundf(100.0 * (value - f32::from(whole)))) as u16;
             match letter {
                 b'G' => words.take_g(whole, hundredths, settings.lathe_mode())?,
                 b'M' => words.take_m(whole, hundredths)?,
@@ -284,7 +284,7 @@ impl Words {
             b'F' => self.f = value,
             b'I'..=b'K' => self.ijk[usize::from(letter - b'I')] = value,
             b'L' => self.l = whole,
-            b'N' => self.n = value.trunc() as i64,
+            b'N' => self.n = number::signed(value),
             b'P' => self.p = value,
             b'R' => self.r = value,
             b'S' => self.s = value,

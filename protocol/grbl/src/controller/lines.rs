@@ -100,7 +100,7 @@ impl<M: Machine> Controller<M> {
             }
             Command::StoreStartup { number, block } => {
                 let text = String::from_utf8_lossy(&block).into_owned();
-                return self.execute(&block, false, Answer::Stored { number, block: text });
+                return self.execute(&block, false, Answer::Stored { number: usize::from(number), block: text });
             }
             Command::Store { number, value } => {
                 let result = self.memory.settings.store(number, value);
