@@ -339,14 +339,14 @@ impl<'a> Reader<'a> {
         if self.words.exceeds_a_jog() || !matches!(self.words.once, None | Some(Once::Machine)) {
             return Err(Code::InvalidJog);
         }
-        let target = checked.target;
+        // Without axis words, the firmware's jog goes to the machine's zero.
+        let target = if self.axis_command.is_some() { checked.target } else { Axes::default() };
         if self.memory.settings.soft_limits() && self.memory.settings.is_beyond(target) {
             return Err(Code::TravelExceeded);
         }
         let line = Line { to: target, rate: Rate::Jog(self.now.feed) };
         self.now = Modal { position: target, ..self.before.clone() };
-        let moves = self.axis_command.is_some();
-        Ok(Block { steps: moves.then_some(Step::Line(line)).into_iter().collect(), modal: self.now })
+        Ok(Block { steps: VecDeque::from([Step::Line(line)]), modal: self.now })
     }
 
     /// What the block does, in the order of the standard.

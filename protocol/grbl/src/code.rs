@@ -84,6 +84,8 @@ pub enum Alarm {
     ProbeContact = 5,
     /// Reset during homing.
     HomingReset = 6,
+    /// The door was opened during homing.
+    HomingDoor = 7,
     /// Homing has not found an end.
     NoEnd = 9,
 }

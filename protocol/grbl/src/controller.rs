@@ -36,7 +36,10 @@ enum Suspended {
     /// It stands.
     Complete,
     /// A jog is about to end.
-    JogCancel,
+    JogCancel {
+        /// The door has been opened meanwhile.
+        door: bool,
+    },
     /// The spindle and the coolant come back after the door.
     Restoring(Instant),
 }
@@ -88,8 +91,11 @@ pub struct Controller<M> {
     spindle: Spindle,
     rpm: f32,
     flood: bool,
-    /// The operator has stopped the spindle during a hold.
+    /// The operator has stopped the spindle during a hold, or it is to be stopped when the machine stands.
     spindle_stopped: bool,
+    stops_spindle: bool,
+    /// Since when a dwell is held up.
+    held: Option<Instant>,
     probed: Axes,
 }
 
@@ -123,6 +129,8 @@ impl<M: Machine> Controller<M> {
             rpm: 0.0,
             flood: false,
             spindle_stopped: false,
+            stops_spindle: false,
+            held: None,
             probed: [0.0; MOST],
         }
     }
@@ -253,13 +261,15 @@ impl<M: Machine> Controller<M> {
         }
     }
 
-    fn alarm(&mut self, alarm: Alarm) {
+    fn alarm(&mut self, now: Instant, alarm: Alarm) {
         self.state = State::Alarm;
         self.suspended = Suspended::No;
         self.say(&format!("ALARM:{}", alarm as u8));
         if alarm.is_critical() {
             self.tell(message::RESET);
             self.dead = true;
+            self.drive_spindle(now, Spindle::Off, 0.0);
+            self.set_flood(false);
         }
     }
 
@@ -275,7 +285,7 @@ impl<M: Machine> Controller<M> {
         (self.sleeps, self.resets, self.asked, self.resumes) = Default::default();
         self.overrides = Overrides::default();
         self.cadence = Cadence::default();
-        self.spindle_stopped = false;
+        (self.spindle_stopped, self.stops_spindle, self.held) = Default::default();
         self.probed = [0.0; MOST];
         self.modal = Modal { position: self.place(now), ..Modal::default() };
         self.drive_spindle(now, Spindle::Off, 0.0);
@@ -297,10 +307,10 @@ impl<M: Machine> Controller<M> {
     /// 0x18, and what is like it.
     fn reset(&mut self, now: Instant) {
         let moving = matches!(self.state, State::Run | State::Jog) || self.suspended == Suspended::Stopping;
-        if self.homing != Homing::No && !self.dead {
-            self.alarm(Alarm::HomingReset);
-        } else if moving || self.suspended == Suspended::JogCancel {
-            self.alarm(Alarm::Aborted);
+        if self.state == State::Home && !self.dead {
+            self.alarm(now, Alarm::HomingReset);
+        } else if moving || matches!(self.suspended, Suspended::JogCancel { .. }) {
+            self.alarm(now, Alarm::Aborted);
         }
         // What was being done is over, and answered.
         if let Some(execution) = self.execution.take() {
@@ -349,8 +359,12 @@ impl<M: Machine> Controller<M> {
             Realtime::Status => self.asked = true,
             Realtime::Resume => self.resume(now),
             Realtime::Hold => self.hold(now, State::Hold),
+            Realtime::Door if self.homing != Homing::No => {
+                self.alarm(now, Alarm::HomingDoor);
+                self.reset(now);
+            }
             Realtime::Door => {
-                if !matches!(self.state, State::Alarm | State::Check | State::Sleep) {
+                if !matches!(self.state, State::Alarm | State::Check) {
                     self.tell(message::DOOR);
                     self.hold(now, State::Door);
                 }
@@ -358,17 +372,20 @@ impl<M: Machine> Controller<M> {
             Realtime::JogCancel if self.state == State::Jog => self.hold(now, State::Jog),
             Realtime::JogCancel => {}
             Realtime::Override(change) => self.override_by(now, change),
-            Realtime::SpindleStop if self.state == State::Hold && self.suspended == Suspended::Complete => {
+            Realtime::SpindleStop if self.state == State::Hold => {
                 if self.spindle_stopped {
                     self.restore_spindle(now);
-                } else if self.spindle != Spindle::Off {
-                    self.spindle_stopped = true;
-                    self.drive_spindle(now, Spindle::Off, 0.0);
+                } else {
+                    self.stops_spindle = true;
+                    self.stop_spindle(now);
                 }
             }
             Realtime::SpindleStop => {}
-            Realtime::Flood if matches!(self.state, State::Idle | State::Run | State::Hold) => {
+            Realtime::Flood if matches!(self.state, State::Idle | State::Run | State::Hold | State::Jog) => {
                 self.modal.flood = !self.modal.flood;
+                if let Some(execution) = &mut self.execution {
+                    execution.block.modal.flood = self.modal.flood;
+                }
                 self.set_flood(self.modal.flood);
             }
             Realtime::Flood => {}
@@ -381,13 +398,12 @@ impl<M: Machine> Controller<M> {
             State::Alarm | State::Check | State::Sleep | State::Home => {}
             State::Jog => {
                 // Whatever holds a jog ends it.
+                let (Suspended::No | Suspended::JogCancel { .. }) = self.suspended else { return };
                 if self.suspended == Suspended::No {
-                    self.suspended = Suspended::JogCancel;
                     self.machine.hold(now);
                 }
-                if state == State::Door {
-                    self.state = State::Door;
-                }
+                let door = state == State::Door || self.suspended == Suspended::JogCancel { door: true };
+                self.suspended = Suspended::JogCancel { door };
             }
             State::Run => {
                 self.state = state;
@@ -396,25 +412,38 @@ impl<M: Machine> Controller<M> {
             }
             State::Idle => {
                 self.state = state;
-                self.suspended = Suspended::Complete;
-                self.leave_door_closed(now);
+                self.stand(now);
             }
             State::Hold | State::Door => {
                 if state == State::Door {
                     self.state = State::Door;
-                    if self.suspended == Suspended::Complete {
-                        self.leave_door_closed(now);
+                    if self.suspended != Suspended::Stopping {
+                        self.stand(now);
                     }
                 }
             }
         }
     }
 
-    /// While the door is open, or was, nothing turns.
-    fn leave_door_closed(&mut self, now: Instant) {
+    /// It stands, and waits for `~`. While the door is open, or was, nothing turns.
+    fn stand(&mut self, now: Instant) {
+        self.suspended = Suspended::Complete;
+        self.held.get_or_insert(now);
         if self.state == State::Door {
+            (self.spindle_stopped, self.stops_spindle) = (false, false);
             self.drive_spindle(now, Spindle::Off, 0.0);
             self.set_flood(false);
+        }
+        self.stop_spindle(now);
+    }
+
+    /// Stops the spindle, if the operator wants it and the machine stands.
+    fn stop_spindle(&mut self, now: Instant) {
+        if self.suspended == Suspended::Complete && core::mem::take(&mut self.stops_spindle) {
+            self.spindle_stopped = self.modal.spindle != Spindle::Off;
+            if self.spindle_stopped {
+                self.drive_spindle(now, Spindle::Off, 0.0);
+            }
         }
     }
 
@@ -448,10 +477,13 @@ impl<M: Machine> Controller<M> {
     fn go_on(&mut self, now: Instant) {
         self.suspended = Suspended::No;
         self.state = State::Idle;
-        if let Some(execution) = &mut self.execution
-            && execution.waits == Some(Wait::Resume)
-        {
-            execution.waits = None;
+        let held = self.held.take().map_or(Span::ZERO, |held| now.since(held));
+        if let Some(execution) = &mut self.execution {
+            match &mut execution.waits {
+                Some(Wait::Resume) => execution.waits = None,
+                Some(Wait::Until(until)) => *until += held,
+                Some(Wait::Probe { .. }) | None => {}
+            }
         }
         self.start(now);
     }
@@ -478,6 +510,14 @@ impl<M: Machine> Controller<M> {
         }
         if before.spindle != self.overrides.spindle && self.spindle != Spindle::Off {
             self.drive_spindle(now, self.spindle, self.modal.rpm);
+        }
+    }
+
+    /// The program's end: nothing is overridden any more.
+    fn override_all(&mut self, now: Instant) {
+        if self.overrides != Overrides::default() {
+            self.overrides = Overrides::default();
+            self.machine.override_by(now, self.overrides);
         }
     }
 
@@ -518,7 +558,7 @@ impl<M: Machine> Controller<M> {
             (Progress::Failed(alarm), _) => {
                 self.machine.forget(now);
                 self.modal.position = self.place(now);
-                self.alarm(alarm);
+                self.alarm(now, alarm);
                 if !self.dead {
                     self.give_up();
                 }
@@ -532,26 +572,25 @@ impl<M: Machine> Controller<M> {
                 }
                 self.homed = true;
             }
-            (Progress::Finished | Progress::Held, Suspended::JogCancel) => {
+            (Progress::Finished | Progress::Held, Suspended::JogCancel { door }) => {
                 self.machine.forget(now);
                 self.modal.position = self.place(now);
                 // A jog that waits for room is over, too.
                 if self.execution.take().is_some() {
                     self.answer(Ok(()));
                 }
-                if self.state == State::Door {
-                    self.suspended = Suspended::Complete;
-                    self.leave_door_closed(now);
+                if door {
+                    self.state = State::Door;
+                    self.stand(now);
                 } else {
                     self.suspended = Suspended::No;
                     self.state = State::Idle;
                 }
             }
             (Progress::Finished | Progress::Held, Suspended::Stopping) => {
-                self.suspended = Suspended::Complete;
-                self.leave_door_closed(now);
+                self.stand(now);
                 if self.beyond {
-                    self.alarm(Alarm::SoftLimit);
+                    self.alarm(now, Alarm::SoftLimit);
                 } else if core::mem::take(&mut self.resumes) {
                     self.resume(now);
                 }

@@ -37,6 +37,8 @@ pub(crate) enum Step {
     },
     Pause,
     End,
+    /// `$Nx=`: the EEPROM is written.
+    Write,
 }
 
 impl Step {

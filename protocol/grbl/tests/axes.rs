@@ -18,7 +18,7 @@ fn without_an_a_axis_nothing_of_it_is_known() {
     assert_eq!(board.says(b"G0A1\n$103=1\n$133=1\n"), ["error:20", "error:3", "error:3"]);
     assert_eq!(position(&mut board), "0.000,0.000,0.000");
     assert!(!board.says(b"$$\n").iter().any(|line| line.starts_with("$103")));
-    assert_eq!(board.says(b"$22=1\n$HX\n$I\n")[1..], ["error:3", "[VER:1.1h.20190830:]", "[OPT:V,15,128]", "ok"]);
+    assert_eq!(board.says(b"$I\n$22=1\n$HX\n"), ["[VER:1.1h.20190830:]", "[OPT:V,15,128]", "ok", "ok", "error:3"]);
 }
 
 #[test]
@@ -151,7 +151,10 @@ fn all_axes_are_homed_or_one() {
     assert_eq!(board.controller.machine().homes, Some([false, false, false, true]));
     board.controller.machine_mut().find();
     assert_eq!(board.heard(), ["ok"], "no startup lines");
-    assert_eq!(board.says(b"$HB\n$HXY\n"), ["error:3", "error:3"]);
+    for line in ["$HB\n", "$HXY\n"] {
+        assert_eq!(board.says(line.as_bytes()), ["error:3"]);
+        board.says(b"\x18$X\n");
+    }
     let info = board.says(b"$I\n");
     assert_eq!(info[1], "[OPT:VH,15,128]");
     board.says(b"$HX\n");

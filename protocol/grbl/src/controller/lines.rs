@@ -10,11 +10,16 @@ use crate::execution::{Answer, Execution, Wait};
 use crate::line::Line;
 use crate::machine::{Machine, Move};
 use crate::modal::{Modal, Spindle};
+use crate::number;
 use crate::path::{self, Rate};
 use crate::report::{self, message};
 use crate::state::State;
 use crate::steps::Step;
 use crate::system::{self, Command, Restore};
+
+/// A dwell is made of such steps.
+const DWELL: Span = Span::from_millis(50);
+const DWELLS_PER_S: f32 = 20.0;
 
 /// What became of a line for the planner.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,7 +47,12 @@ impl<M: Machine> Controller<M> {
     pub(super) fn execute(&mut self, text: &[u8], is_jog: bool, answer: Answer) {
         let context = Context { modal: &self.modal, memory: &self.memory, abilities: &self.abilities };
         match block::read(text, is_jog, context) {
-            Ok(block) => self.execution = Some(Execution { block, waits: None, answer }),
+            Ok(mut block) => {
+                if matches!(answer, Answer::Stored { .. }) {
+                    block.steps.push_back(Step::Write);
+                }
+                self.execution = Some(Execution { block, waits: None, answer });
+            }
             Err(code) => self.finish(answer, Err(code)),
         }
     }
@@ -132,11 +142,12 @@ impl<M: Machine> Controller<M> {
             [letter] if self.abilities.single_homing => axes::of_letter(*letter, count),
             _ => None,
         };
+        self.state = State::Home;
         if one.is_none() && !axis.is_empty() {
+            // The firmware forgets that it does not home. It takes lines, and moves nothing until a reset.
             return self.answer(Err(Code::InvalidStatement));
         }
         self.homing = if one.is_some() { Homing::One } else { Homing::All };
-        self.state = State::Home;
         self.machine.home(now, core::array::from_fn(|axis| axis < count && one.is_none_or(|one| one == axis)));
     }
 
@@ -220,7 +231,7 @@ impl<M: Machine> Controller<M> {
             if self.state == State::Run {
                 self.hold(now, State::Hold);
             } else {
-                self.alarm(Alarm::SoftLimit);
+                self.alarm(now, Alarm::SoftLimit);
             }
             return Pushed::Full;
         }
@@ -256,10 +267,18 @@ impl<M: Machine> Controller<M> {
                 }
             }
             Step::Home { home, place } => self.memory.homes[home] = place,
-            Step::Spindle { sense, rpm } if !checks => self.drive_spindle(now, sense, rpm),
-            Step::Flood(flood) if !checks => self.set_flood(flood),
+            Step::Spindle { sense, rpm } if !checks => {
+                (self.modal.spindle, self.modal.rpm) = (sense, rpm);
+                self.drive_spindle(now, sense, rpm);
+            }
+            Step::Flood(flood) if !checks => {
+                self.modal.flood = flood;
+                self.set_flood(flood);
+            }
             Step::Dwell { seconds } if !checks => {
-                return Some(Wait::Until(now + Span::from_nanos((f64::from(seconds) * 1e9) as u64)));
+                // It counts steps, with 16 bits.
+                let steps = number::unsigned(libm::ceilf(DWELLS_PER_S * seconds)) as u16;
+                return Some(Wait::Until(now + DWELL.times(u64::from(steps))));
             }
             // The firmware holds no feed in an alarm, which a probe in the same line has given.
             Step::Pause if !checks && self.state != State::Alarm => {
@@ -268,7 +287,7 @@ impl<M: Machine> Controller<M> {
             }
             Step::Probe { probe, .. } if !checks && probe.away => {
                 after.position = self.modal.position;
-                self.alarm(Alarm::ProbeInitial);
+                self.alarm(now, Alarm::ProbeInitial);
             }
             Step::Probe { probe, line } if !checks => {
                 if self.push(now, line) == Pushed::Taken {
@@ -276,6 +295,7 @@ impl<M: Machine> Controller<M> {
                 }
             }
             Step::End => {
+                self.override_all(now);
                 if !checks {
                     self.cadence.origin_moved();
                     self.drive_spindle(now, Spindle::Off, 0.0);
@@ -283,7 +303,12 @@ impl<M: Machine> Controller<M> {
                 }
                 self.tell(message::END);
             }
-            Step::Spindle { .. } | Step::Flood(_) | Step::Dwell { .. } | Step::Pause | Step::Probe { .. } => {}
+            Step::Write
+            | Step::Spindle { .. }
+            | Step::Flood(_)
+            | Step::Dwell { .. }
+            | Step::Pause
+            | Step::Probe { .. } => {}
         }
         None
     }
@@ -293,7 +318,7 @@ impl<M: Machine> Controller<M> {
         if no_error {
             self.probed = self.place(now);
         } else {
-            self.alarm(Alarm::ProbeContact);
+            self.alarm(now, Alarm::ProbeContact);
         }
         let probed = report::probed(self.probed, &self.memory.settings);
         self.say(&probed);

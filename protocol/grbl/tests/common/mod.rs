@@ -31,6 +31,8 @@ pub(crate) struct Puppet {
     /// What it looks for the ends of.
     pub(crate) homes: Option<Axes<bool>>,
     pub(crate) ends: Axes<bool>,
+    /// How fast the spindle is to turn, rpm.
+    pub(crate) spindle: f32,
 }
 
 impl Puppet {
@@ -110,7 +112,9 @@ impl Machine for Puppet {
         self.homes = Some(axes);
     }
 
-    fn spindle(&mut self, _: Instant, _: Spindle, _: f32) {}
+    fn spindle(&mut self, _: Instant, _: Spindle, rpm: f32) {
+        self.spindle = rpm;
+    }
 
     fn override_by(&mut self, _: Instant, _: Overrides) {}
 
