@@ -199,6 +199,30 @@ proptest! {
     }
 }
 
+/// `cargo test -p torno-grbl --test conversation -- --ignored`
+#[test]
+#[ignore = "takes some seconds"]
+fn ten_million_bytes_get_one_answer_a_line() {
+    let mut state = 0x9e37_79b9_7f4a_7c15_u64;
+    let mut below = |n: usize| {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        (state >> 33) as usize % n
+    };
+    let mut bytes = Vec::new();
+    while bytes.len() < 10_000_000 {
+        match below(16) {
+            0..4 => bytes.extend(LINES[below(LINES.len())].bytes()),
+            4..8 => bytes.push(answers::MACHINE[below(answers::MACHINE.len())]),
+            8 => bytes.push(b"?!~\x18\x84\x85\x90\x9e\xa0"[below(9)]),
+            9..12 => bytes.extend((0..below(100)).map(|_| b"GMXYZF$0123.=-\r\n"[below(16)]).collect::<Vec<_>>()),
+            _ => bytes.push(below(256) as u8),
+        }
+    }
+    answers::hold(&bytes);
+}
+
 proptest! {
     #[test]
     fn no_bytes_make_it_panic(
