@@ -15,7 +15,7 @@ use crate::clock::Clock;
 use crate::line::{Edge, Level};
 use crate::time::{Instant, Span};
 use crate::train::Train;
-use crate::uart::{Character, Receiver};
+use crate::uart::{Character, Format, Receiver};
 
 /// A board: firmware, UARTs and, where it drives a motor, the plant.
 ///
@@ -203,6 +203,10 @@ pub enum Stimulus {
     /// a [`Stimulus::Reset`] or [`Stimulus::Power`] that falls into it happens when the process goes on. The stepping
     /// loop sees to it; boards are not told.
     Stop(bool),
+    /// The program behind a PC's UART sets the format of characters, both ways.
+    Format(Format),
+    /// The program behind a PC's UART holds the line low (`true`), or no longer.
+    Break(bool),
 }
 
 /// What can happen to a motor, or to what it moves.

@@ -255,7 +255,7 @@ impl<B: Board> Cell<B> {
                 self.receivers.iter_mut().zip(&tuned).for_each(|(receiver, tuned)| receiver.retune(tuned, at));
                 self.note_coming();
             }
-            Stimulus::Reset | Stimulus::Write(_) | Stimulus::Discard if self.off => {}
+            Stimulus::Reset | Stimulus::Write(_) | Stimulus::Discard | Stimulus::Break(_) if self.off => {}
             Stimulus::Motor { what: MotorStimulus::Drive(_), .. } if self.off => {}
             _ => self.input(at, Input::Stimulus(stimulus), emit),
         }

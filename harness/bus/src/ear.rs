@@ -4,7 +4,7 @@ use torno_protocol::board::Stimulus;
 use torno_protocol::clock::{Clock, Rate};
 use torno_protocol::line::Edge;
 use torno_protocol::time::Instant;
-use torno_protocol::uart::{Character, Receiver, ReceiverKind, TickTimer};
+use torno_protocol::uart::{Character, Format, Receiver, ReceiverKind, TickTimer};
 
 use crate::BAUD;
 
@@ -116,6 +116,7 @@ impl Ear {
 struct Listener {
     line: LineId,
     kind: ReceiverKind,
+    format: Format,
     clock: Clock,
     /// In which a software receiver lives.
     timer: TickTimer,
@@ -130,8 +131,9 @@ struct Listener {
 impl Listener {
     fn new(line: LineId, kind: ReceiverKind, clock: Clock) -> Self {
         let timer = TickTimer::new(kind.baud(), clock);
-        let receiver = receiver(kind, &timer, clock);
-        Self { line, kind, clock, timer, receiver, off: false, hung: 0, stopped: None, gone: false }
+        let format = Format::EIGHT_N_ONE;
+        let receiver = receiver(kind, format, &timer, clock);
+        Self { line, kind, format, clock, timer, receiver, off: false, hung: 0, stopped: None, gone: false }
     }
 
     fn take(&mut self, step: Step, heard: &mut Vec<LineCharacter>) {
@@ -169,6 +171,7 @@ impl Listener {
                 self.receiver.retune(&self.tuned(), at);
             }
             (Stimulus::Configure { baud, .. }, _) => self.configure(at, *baud),
+            (Stimulus::Format(format), _) => self.set_format(at, *format),
             _ => {}
         }
     }
@@ -194,9 +197,17 @@ impl Listener {
         }
     }
 
+    /// A gateway's UART is set to another format.
+    fn set_format(&mut self, at: Instant, format: Format) {
+        if format != self.format && self.kind.is_buffered() {
+            self.format = format;
+            self.receiver.replace_by(&self.tuned(), at);
+        }
+    }
+
     /// The receiver as it hears from now on.
     fn tuned(&self) -> Receiver {
-        receiver(self.kind, &self.timer, self.clock)
+        receiver(self.kind, self.format, &self.timer, self.clock)
     }
 
     /// What it receives reaches the board's firmware, or hardware that keeps it.
@@ -217,9 +228,9 @@ impl Listener {
     }
 }
 
-fn receiver(kind: ReceiverKind, timer: &TickTimer, clock: Clock) -> Receiver {
+fn receiver(kind: ReceiverKind, format: Format, timer: &TickTimer, clock: Clock) -> Receiver {
     match kind {
-        ReceiverKind::Hardware { baud } => Receiver::hardware(baud, clock),
+        ReceiverKind::Hardware { baud } => Receiver::hardware(baud, clock).with_format(format),
         ReceiverKind::Software { link, .. } => timer.receiver(link),
     }
 }
@@ -314,7 +325,7 @@ mod tests {
         }
 
         fn receivers(&self) -> Vec<Receiver> {
-            vec![receiver(self.kind, &self.timer, self.clock)]
+            vec![receiver(self.kind, Format::EIGHT_N_ONE, &self.timer, self.clock)]
         }
 
         fn handle_input(&mut self, now: Instant, input: board::Input) {

@@ -5,8 +5,9 @@ use std::ops::RangeInclusive;
 
 use torno_protocol::board::{Board, Deadline, Description, Input, Output, Role, Signal, Stimulus, Wait};
 use torno_protocol::clock::{Clock, Rate};
+use torno_protocol::line::{Edge, Level};
 use torno_protocol::time::Instant;
-use torno_protocol::uart::{Character, Receiver, Transmitter};
+use torno_protocol::uart::{Character, Format, Receiver, Transmitter};
 
 /// DC3, the software flow control's "stop" (ITU-T T.50).
 const XOFF: u8 = 0x13;
@@ -97,6 +98,7 @@ pub const STOPPED: u8 = 0;
 pub struct PcUart<P = Outside> {
     clock: Clock,
     baud: u32,
+    format: Format,
     ixon: bool,
     fifo: usize,
     /// What the driver has not yet given to the chip.
@@ -104,10 +106,37 @@ pub struct PcUart<P = Outside> {
     /// How much of the chip's FIFO is full.
     loaded: usize,
     transmitter: Transmitter,
+    hold: Break,
     stopped: bool,
     retuned: bool,
     program: P,
     outputs: VecDeque<Output>,
+}
+
+/// A break: the line held low. It begins when the character on the line is over, and lasts two characters at least, so
+/// that every receiver finds it.
+#[derive(Clone, Copy, Debug, Default)]
+struct Break {
+    /// Whether the program has asked for one that has not begun yet.
+    due: bool,
+    /// Whether it has not asked for the end of the last one.
+    wanted: bool,
+    /// When the line may rise again, while it is held.
+    least: Option<Instant>,
+    /// After a break, the line is high for a character at least.
+    over: Instant,
+}
+
+impl Break {
+    const fn set(&mut self, wanted: bool) {
+        self.due |= wanted;
+        self.wanted = wanted;
+    }
+
+    /// Whether the line is not to be held for longer than it must.
+    const fn ends(&self) -> bool {
+        !self.wanted || self.due
+    }
 }
 
 impl PcUart {
@@ -116,11 +145,13 @@ impl PcUart {
         Self {
             clock,
             baud,
+            format: Format::EIGHT_N_ONE,
             ixon: false,
             fifo,
             queue: VecDeque::new(),
             loaded: 0,
             transmitter: Transmitter::hardware(Rate::hz(baud), clock),
+            hold: Break::default(),
             stopped: false,
             retuned: false,
             program: Outside,
@@ -130,8 +161,9 @@ impl PcUart {
 
     /// With a program behind it that is held by `XON`/`XOFF`.
     pub fn with_program<P: Conversation>(self, program: P) -> PcUart<P> {
-        let Self { clock, baud, fifo, queue, loaded, transmitter, stopped, retuned, outputs, .. } = self;
-        PcUart { clock, baud, ixon: true, fifo, queue, loaded, transmitter, stopped, retuned, program, outputs }
+        let Self { clock, baud, format, fifo, queue, loaded, transmitter, hold, stopped, retuned, outputs, .. } = self;
+        let ixon = true;
+        PcUart { clock, baud, format, ixon, fifo, queue, loaded, transmitter, hold, stopped, retuned, program, outputs }
     }
 }
 
@@ -173,12 +205,45 @@ impl<P: Conversation> PcUart<P> {
         }
     }
 
+    fn set_format(&mut self, format: Format) {
+        if format != self.format {
+            self.format = format;
+            self.retuned = true;
+            self.transmitter.set_format(format);
+        }
+    }
+
+    fn receiver(&self) -> Receiver {
+        Receiver::hardware(Rate::hz(self.baud), self.clock).with_format(self.format)
+    }
+
     /// The supply goes or comes: what was to be sent is lost, and `XOFF` is forgotten.
     fn power(&mut self) {
         self.queue.clear();
         self.loaded = 0;
         self.transmitter = Transmitter::hardware(Rate::hz(self.baud), self.clock);
+        self.transmitter.set_format(self.format);
+        self.hold = Break::default();
         self.stop(false);
+    }
+
+    /// Begins and ends a break, as far as the program wants that and it can be. Says whether the line is held.
+    fn holds(&mut self, now: Instant) -> bool {
+        let level = match self.hold.least {
+            None if self.hold.due && self.transmitter.free_at() <= now && self.hold.over <= now => {
+                self.hold.due = false;
+                self.hold.least = Some(now + self.transmitter.character_from(now).times(2));
+                Level::Low
+            }
+            Some(least) if self.hold.ends() && least <= now => {
+                self.hold.least = None;
+                self.hold.over = now + self.transmitter.character_from(now);
+                Level::High
+            }
+            held => return held.is_some() || self.hold.over > now,
+        };
+        self.outputs.push_back(Output::Character { port: 0, edges: vec![Edge { at: now, level }], end: now.next() });
+        true
     }
 
     /// The driver feeds the chip, the chip its shift register.
@@ -192,6 +257,9 @@ impl<P: Conversation> PcUart<P> {
             {
                 self.transmitter.push(byte);
                 self.loaded += 1;
+            }
+            if self.holds(now) {
+                return;
             }
             let Some(loaded) = self.transmitter.load(now) else { return };
             self.loaded -= 1;
@@ -215,7 +283,7 @@ impl<P: Conversation> Board for PcUart<P> {
     }
 
     fn receivers(&self) -> Vec<Receiver> {
-        vec![Receiver::hardware(Rate::hz(self.baud), self.clock)]
+        vec![self.receiver()]
     }
 
     fn handle_input(&mut self, now: Instant, input: Input) {
@@ -224,6 +292,8 @@ impl<P: Conversation> Board for PcUart<P> {
             Input::Stimulus(Stimulus::Write(bytes)) => self.queue.extend(bytes),
             Input::Stimulus(Stimulus::Discard) => self.queue.clear(),
             Input::Stimulus(Stimulus::Configure { baud, ixon }) => self.configure(baud, ixon),
+            Input::Stimulus(Stimulus::Format(format)) => self.set_format(format),
+            Input::Stimulus(Stimulus::Break(wanted)) => self.hold.set(wanted),
             Input::Stimulus(Stimulus::Power(_)) => self.power(),
             Input::Stimulus(Stimulus::Clock(clock)) => {
                 self.clock = clock;
@@ -243,11 +313,17 @@ impl<P: Conversation> Board for PcUart<P> {
     }
 
     fn poll_receiver(&mut self) -> Option<(u8, Receiver)> {
-        core::mem::take(&mut self.retuned).then(|| (0, Receiver::hardware(Rate::hz(self.baud), self.clock)))
+        core::mem::take(&mut self.retuned).then(|| (0, self.receiver()))
     }
 
     fn poll_timeout(&self) -> Option<Deadline> {
-        self.transmitter.poll_timeout().map(|at| Deadline { at, why: "the next character" })
+        let over = |at: Instant| at.max(self.hold.over);
+        let (at, why) = match self.hold.least {
+            Some(least) => (self.hold.ends().then_some(least), "the end of a break"),
+            None if self.hold.due => (Some(over(self.transmitter.free_at())), "a break"),
+            None => (self.transmitter.poll_timeout().map(over), "the next character"),
+        };
+        at.map(|at| Deadline { at, why })
     }
 }
 
@@ -348,6 +424,78 @@ mod tests {
             }
         });
         assert_eq!(ends, [1_041_667, 2_083_333]);
+    }
+
+    /// What a receiver without parity hears of a UART that is given these stimuli.
+    fn heard(stimuli: &[(Instant, Stimulus)]) -> Vec<Character> {
+        let mut cell = Cell::new(uart(1));
+        stimuli.iter().for_each(|(at, stimulus)| cell.hear(&Heard::Stimulus { at: *at, stimulus: stimulus.clone() }));
+        let mut receiver = Receiver::hardware(Rate::hz(9600), Clock::TRUE);
+        let mut heard = Vec::new();
+        cell.run(ms(1000), |at, output| {
+            while receiver.poll_timeout().is_some_and(|due| due < at) {
+                heard.extend(receiver.take(at));
+            }
+            match output {
+                Output::Character { edges, .. } => receiver.hear(&edges),
+                Output::Cut { .. } => receiver.hear_cut(at),
+                Output::Telemetry { .. } | Output::Event { .. } | Output::Pin { .. } => {}
+            }
+        });
+        heard.extend(core::iter::from_fn(|| receiver.poll_timeout().and_then(|at| receiver.take(at))));
+        heard
+    }
+
+    const BREAK: Character = Character { byte: 0, framing_error: true, overrun: false };
+
+    #[test]
+    fn a_break_is_one_framing_error_and_harms_nothing_before_and_after_it() {
+        let good = |bytes: &[u8]| bytes.iter().map(|byte| Character::good(*byte)).collect::<Vec<_>>();
+        let write = |at, bytes: &[u8]| (at, Stimulus::Write(bytes.to_vec()));
+        let hold = |at, on| (at, Stimulus::Break(on));
+        // In the middle of a character, and written meanwhile.
+        let long = [write(ms(1), b"a"), hold(ms(1).next(), true), write(ms(3), b"bc"), hold(ms(250), false)];
+        let expected = [good(b"a"), vec![BREAK], good(b"bc")].concat();
+        assert_eq!(heard(&long), expected);
+        // Over before it can begin, and two in a row.
+        let short = [write(ms(1), b"a"), hold(ms(1).next(), true), hold(ms(1).next().next(), false)];
+        assert_eq!(heard(&short), [good(b"a"), vec![BREAK]].concat());
+        let twice = [hold(ms(1), true), hold(ms(1), false), hold(ms(8), true), hold(ms(8), false), write(ms(8), b"b")];
+        assert_eq!(heard(&twice), [vec![BREAK; 2], good(b"b")].concat());
+    }
+
+    #[test]
+    fn a_break_ends_with_the_supply() {
+        let power = |at, on| (at, Stimulus::Power(on));
+        let hold = |at, on| (at, Stimulus::Break(on));
+        let late = (ms(40), Stimulus::Write(b"a".to_vec()));
+        let stimuli = [hold(ms(1), true), power(ms(10), false), hold(ms(11), true), power(ms(20), true), late];
+        let heard = heard(&stimuli);
+        assert_eq!(heard.last(), Some(&Character::good(b'a')), "{heard:?}");
+    }
+
+    #[test]
+    fn another_format_holds_both_ways() {
+        use torno_protocol::uart::Parity;
+        let even = Stimulus::Format(Format { parity: Parity::Even, ..Format::EIGHT_N_ONE });
+        let heard = heard(&[(ms(1), even.clone()), (ms(2), Stimulus::Write(vec![0x06, 0x07]))]);
+        assert_eq!(heard, [Character { framing_error: true, ..Character::good(0x06) }, Character::good(0x07)]);
+        // Two that follow each other without a gap: the second's start bit is where a stop bit is wanted.
+        let mut cell = Cell::new(uart(1));
+        cell.hear(&Heard::Stimulus { at: ms(1), stimulus: even });
+        let mut master = Transmitter::hardware(Rate::hz(9600), Clock::TRUE);
+        for byte in [0xff, 0xff] {
+            master.push(byte);
+            let edges = master.load(ms(5).max(master.free_at())).unwrap().edges;
+            cell.hear(&Heard::Edges { port: 0, edges });
+        }
+        let mut events = Vec::new();
+        cell.run(ms(100), |_, output| {
+            if let Output::Event { event, value } = output {
+                events.extend(PcEvent::from_numbers(event, value));
+            }
+        });
+        assert_eq!(events[0], PcEvent::Garbled(0xff));
     }
 
     /// How long each of three characters that are written at 1 ms takes, in ns.

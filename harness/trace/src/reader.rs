@@ -187,6 +187,7 @@ mod tests {
     use torno_protocol::line::{Edge, Level};
     use torno_protocol::time::Span;
     use torno_protocol::train::Train;
+    use torno_protocol::uart::{Format, Parity};
 
     use super::*;
     use crate::analyser::rows;
@@ -318,6 +319,8 @@ mod tests {
             (any::<u8>(), any::<i32>()).prop_map(|(motor, load)| MotorStimulus::Load(load).of(motor)),
             prop::collection::vec(any::<u8>(), 0..20).prop_map(Stimulus::Write),
             (any::<u32>(), any::<bool>()).prop_map(|(baud, ixon)| Stimulus::Configure { baud, ixon }),
+            any::<bool>().prop_map(Stimulus::Break),
+            Just(Stimulus::Format(Format { parity: Parity::Even, ..Format::EIGHT_N_ONE })),
         ];
         let what = prop_oneof![
             (0..5usize, stimulus).prop_map(|(board, stimulus)| InputKind::Stimulus { board, stimulus }),

@@ -363,6 +363,9 @@ fn stimulus_text(description: &Description, stimulus: &Stimulus) -> String {
         Stimulus::Configure { baud, ixon } => {
             format!("sets {baud} baud, XON/XOFF {}", if *ixon { "on" } else { "off" })
         }
+        Stimulus::Format(format) => format!("sets {format}"),
+        Stimulus::Break(true) => "begins a break".to_owned(),
+        Stimulus::Break(false) => "ends the break".to_owned(),
         Stimulus::Power(true) => "supply on".to_owned(),
         Stimulus::Power(false) => "supply off".to_owned(),
         Stimulus::Slow(Span::ZERO) => "is slow no more".to_owned(),

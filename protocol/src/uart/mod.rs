@@ -1,4 +1,4 @@
-//! UARTs, 8N1: characters made into edges and edges sampled back into characters.
+//! UARTs: characters made into edges and edges sampled back into characters.
 //!
 //! Both ends exist in two kinds. A **hardware** UART (the USART of the PIC16F87XA, DS39582B §10) shifts out on its own
 //! bit clock and samples at 16 times the baud rate with a majority vote of three. A **software** UART lives in a
@@ -6,6 +6,7 @@
 //! a probability: framing errors, garbled bytes and breaks come out of the waveform and the two ends' clocks.
 
 mod fifo;
+mod format;
 mod kind;
 mod receiver;
 mod transmitter;
@@ -13,6 +14,7 @@ mod transmitter;
 use serde::{Deserialize, Serialize};
 
 pub use fifo::Fifo;
+pub use format::{DataBits, Format, Parity, StopBits};
 pub use kind::ReceiverKind;
 pub use receiver::{Ear, Receiver};
 pub use transmitter::{Loaded, Transmitter};
@@ -20,13 +22,13 @@ pub use transmitter::{Loaded, Transmitter};
 use crate::clock::{Clock, Rate, Ticks};
 use crate::time::{Instant, Span};
 
-/// Bits of a character on the wire: start, eight data (least significant first), stop.
+/// Bits of a character on the wire in [8N1](Format::EIGHT_N_ONE): start, eight data (least significant first), stop.
 pub const BITS_PER_CHARACTER: u64 = 10;
 
 /// What a receiver hands over for one character.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Character {
-    /// The eight data bits.
+    /// The data bits: eight, unless the receiver has another format.
     pub byte: u8,
     /// The stop bit was not high (FERR).
     pub framing_error: bool,

@@ -7,12 +7,12 @@ use serde::{Deserialize, Serialize};
 use crate::clock::{Clock, Rate, Ticks};
 use crate::line::{Edge, Level, Reader, Waveform};
 use crate::time::{Instant, Span};
-use crate::uart::{BITS_PER_CHARACTER, Character, ReceiverKind};
+use crate::uart::{Character, Format, ReceiverKind};
 
 /// A UART receiver at the end of a line.
 ///
 /// It looks for a falling edge, takes the first of its sampling ticks that sees the low as the start, checks the
-/// start bit, then samples eight data bits and the stop bit. After a character it waits for the next falling edge,
+/// start bit, then samples the data bits and the first stop bit. After a character it waits for the next falling edge,
 /// so a line that stays low (a break) gives one character with a framing error and then nothing.
 #[derive(Clone, Debug)]
 pub struct Receiver {
@@ -26,6 +26,9 @@ pub struct Receiver {
     least_lookahead: Span,
     latency: Span,
     per_bit: u64,
+    format: Format,
+    /// The place of the first stop bit in the shortest of the formats that it has had: for the lookahead.
+    shortest: u64,
     /// The ticks within a bit cell at which the line is read; the majority wins.
     votes: &'static [u64],
     line: Waveform,
@@ -92,6 +95,8 @@ impl Receiver {
             least_lookahead: Span::from_nanos(u64::MAX),
             latency,
             per_bit,
+            format: Format::EIGHT_N_ONE,
+            shortest: Format::EIGHT_N_ONE.first_stop_bit(),
             votes,
             line: Waveform::idle(),
             search_from: Instant::START,
@@ -102,12 +107,26 @@ impl Receiver {
         receiver
     }
 
-    /// Gives way to a receiver of the same kind at another speed, which hears the same line from `now` on. A character
-    /// that is being received is lost.
+    /// The same for characters of this format. It does not check the parity bit (ours: as a terminal without `INPCK`).
+    #[must_use]
+    pub fn with_format(mut self, format: Format) -> Self {
+        self.set_format(format);
+        self.own_lookahead = self.lookahead_at(self.ticks);
+        self
+    }
+
+    fn set_format(&mut self, format: Format) {
+        self.format = format;
+        self.shortest = self.shortest.min(format.first_stop_bit());
+    }
+
+    /// Gives way to a receiver of the same kind at another speed or of another format, which hears the same line from
+    /// `now` on. A character that is being received is lost.
     pub fn replace_by(&mut self, other: &Self, now: Instant) {
         self.attempts.clear();
         self.search_from = now;
         self.kind = other.kind;
+        self.set_format(other.format);
         self.tune(other.ticks, now);
         self.follow_up();
     }
@@ -217,7 +236,7 @@ impl Receiver {
 
     fn lookahead_at(&self, ticks: Ticks) -> Span {
         // One nanosecond for the rounding of ticks.
-        Span::from_nanos(ticks.span(self.last_sample()).as_nanos().saturating_sub(1))
+        Span::from_nanos(ticks.span(self.last_sample(self.shortest)).as_nanos().saturating_sub(1))
     }
 
     /// Nothing that is still to be heard lies before `at`.
@@ -236,8 +255,8 @@ impl Receiver {
         self.votes.last().copied().unwrap_or(0)
     }
 
-    fn last_sample(&self) -> u64 {
-        (BITS_PER_CHARACTER - 1) * self.per_bit + self.last_vote()
+    fn last_sample(&self, stop_bit: u64) -> u64 {
+        stop_bit * self.per_bit + self.last_vote()
     }
 
     /// Drops the conclusions that an edge at `at` can change.
@@ -276,14 +295,16 @@ impl Receiver {
                 from = fall.next();
                 continue;
             }
-            let delivery = self.instant(&ticks, start + self.last_sample());
+            let (data, stop_bit) = (u64::from(self.format.data.number()), self.format.first_stop_bit());
+            let delivery = self.instant(&ticks, start + self.last_sample(stop_bit));
             // A nanosecond more than the votes of a cell lie apart, for the rounding of ticks.
             let apart = ticks.span(self.last_vote() - self.votes.first().copied().unwrap_or(0)) + Span::from_nanos(1);
             let mut reader = self.line.reader(fall);
             let mut level = |cell| self.level(&mut reader, &ticks, start, cell, apart);
             let attempt = if level(0) == Level::Low {
-                let byte = (1..=8).fold(0, |byte, bit| byte >> 1 | ((level(bit) == Level::High) as u8) << 7);
-                let framing_error = level(9) == Level::Low;
+                let byte = (1..=data).fold(0, |byte, bit| byte >> 1 | ((level(bit) == Level::High) as u8) << 7);
+                let byte = byte >> (8 - data);
+                let framing_error = level(stop_bit) == Level::Low;
                 let character = Character { byte, framing_error, overrun: false };
                 Attempt { fall, until: delivery, delivery, character: Some(character) }
             } else {
@@ -370,6 +391,49 @@ mod tests {
         let mut slow = Transmitter::hardware(Rate::hz(4800), Clock::TRUE);
         edges(&[0x00, 0x55], &mut slow, Instant::START).iter().for_each(|character| receiver.hear(character));
         assert!(received(&mut receiver).iter().any(|character| character.framing_error));
+    }
+
+    fn formats() -> impl Strategy<Value = Format> {
+        use crate::uart::{DataBits, Parity, StopBits};
+        let parity = [Parity::None, Parity::Odd, Parity::Even, Parity::Mark, Parity::Space];
+        let stop = prop::sample::select(vec![StopBits::One, StopBits::Two]);
+        (5u8..=8, prop::sample::select(parity.to_vec()), stop).prop_map(|(data, parity, stop)| Format {
+            data: DataBits::from_number(data).unwrap(),
+            parity,
+            stop,
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn a_receiver_of_a_format_hears_its_characters(
+            format in formats(),
+            bytes in prop::collection::vec(any::<u8>(), 1..9),
+        ) {
+            let mut sender = Transmitter::hardware(BAUD, Clock::TRUE);
+            sender.set_format(format);
+            let mut receiver = Receiver::hardware(BAUD, Clock::TRUE);
+            receiver.replace_by(&Receiver::hardware(BAUD, Clock::TRUE).with_format(format), Instant::START);
+            let unused = 8 - format.data.number();
+            for (character, byte) in edges(&bytes, &mut sender, Instant::START).iter().zip(bytes) {
+                receiver.hear(character);
+                let at = receiver.poll_timeout().unwrap();
+                prop_assert!(at.since(character[0].at) >= receiver.lookahead());
+                prop_assert_eq!(receiver.take(at), Some(Character::good(byte << unused >> unused)));
+            }
+        }
+
+        #[test]
+        fn one_without_parity_finds_a_framing_error_where_the_parity_bit_is_0(byte: u8, odd: bool) {
+            use crate::uart::Parity;
+            let mut sender = Transmitter::hardware(BAUD, Clock::TRUE);
+            let parity = if odd { Parity::Odd } else { Parity::Even };
+            sender.set_format(Format { parity, ..Format::EIGHT_N_ONE });
+            let mut receiver = Receiver::hardware(BAUD, Clock::TRUE);
+            receiver.hear(&edges(&[byte], &mut sender, Instant::START)[0]);
+            let framing_error = (byte.count_ones() % 2 == 1) == odd;
+            prop_assert_eq!(received(&mut receiver), [Character { byte, framing_error, overrun: false }]);
+        }
     }
 
     #[test]

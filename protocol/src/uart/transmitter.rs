@@ -5,12 +5,13 @@ use std::collections::VecDeque;
 use crate::clock::{Clock, Rate, Ticks};
 use crate::line::{Edge, Level};
 use crate::time::{Instant, Span};
-use crate::uart::BITS_PER_CHARACTER;
+use crate::uart::Format;
 
 /// A UART transmitter with the firmware's send queue in front of it.
 #[derive(Clone, Debug)]
 pub struct Transmitter {
     pacing: Pacing,
+    format: Format,
     queue: VecDeque<u8>,
     free_at: Instant,
 }
@@ -45,7 +46,7 @@ impl Transmitter {
     }
 
     fn new(pacing: Pacing) -> Self {
-        Self { pacing, queue: VecDeque::new(), free_at: Instant::START }
+        Self { pacing, format: Format::EIGHT_N_ONE, queue: VecDeque::new(), free_at: Instant::START }
     }
 
     /// Changes the speed from the next character on.
@@ -56,6 +57,16 @@ impl Transmitter {
     /// Paces characters as `other` does, from the next one on.
     pub const fn keep_pace_with(&mut self, other: &Self) {
         self.pacing = other.pacing;
+    }
+
+    /// Changes the format of characters from the next one on.
+    pub const fn set_format(&mut self, format: Format) {
+        self.format = format;
+    }
+
+    /// How long a character that loads at `now` takes.
+    pub fn character_from(&self, now: Instant) -> Span {
+        self.bits_from(now)(self.format.bits()).since(now)
     }
 
     /// Queues a byte.
@@ -92,12 +103,12 @@ impl Transmitter {
 
     fn load_next(&mut self, now: Instant) -> Option<Loaded> {
         let byte = self.queue.pop_front()?;
-        let bit = self.bits_from(now);
-        let end = bit(BITS_PER_CHARACTER);
-        let mut edges = Vec::with_capacity(BITS_PER_CHARACTER as usize);
+        let (bit, format) = (self.bits_from(now), self.format);
+        let end = bit(format.bits());
+        let mut edges = Vec::with_capacity(format.bits() as usize);
         let mut last = Level::High;
-        for n in 0..BITS_PER_CHARACTER {
-            let level = level_of(byte, n);
+        for n in 0..format.bits() {
+            let level = format.level(byte, n);
             if level != last {
                 edges.push(Edge { at: bit(n), level });
                 last = level;
@@ -114,15 +125,6 @@ impl Transmitter {
             Pacing::Software { ticks, per_bit, latency } => (ticks, ticks.first_from(now - latency), per_bit, latency),
         };
         move |n| ticks.at(first + n * per_bit) + latency
-    }
-}
-
-/// The level of bit `n` of a character: 0 is the start bit, 1 to 8 the data, 9 the stop bit.
-fn level_of(byte: u8, n: u64) -> Level {
-    match n {
-        0 => Level::Low,
-        1..=8 if byte >> (n - 1) & 1 == 0 => Level::Low,
-        _ => Level::High,
     }
 }
 
@@ -198,6 +200,16 @@ mod tests {
         uart.retune(Rate::hz(2_000), Clock::TRUE);
         assert_eq!(uart.free_at().as_nanos(), 10_000_000);
         assert_eq!(load(&mut uart, 0, 10_000_000).end.as_nanos(), 15_000_000);
+    }
+
+    #[test]
+    fn another_format_holds_from_the_next_character_on() {
+        let mut uart = Transmitter::hardware(Rate::hz(1_000_000), Clock::TRUE);
+        assert_eq!(load(&mut uart, 0x01, 0).end.as_nanos(), 10_000);
+        uart.set_format(Format { parity: crate::uart::Parity::Even, ..Format::EIGHT_N_ONE });
+        let loaded = load(&mut uart, 0x01, 10_000);
+        assert_eq!((loaded.edges.last().unwrap().at.as_nanos(), loaded.end.as_nanos()), (19_000, 21_000));
+        assert_eq!(uart.character_from(loaded.end).as_nanos(), 11_000);
     }
 
     #[test]
