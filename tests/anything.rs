@@ -154,6 +154,11 @@ fn corpus(name: &str) -> Vec<Vec<u8>> {
         .into_iter()
         .map(|text| [&text[..], &[0xc0, 0xc5, b'\n', 0x84, b'~', 0xc5, 0x85, 0xc1, 0xc2, 0xc3, 0x18, 0xc4]].concat())
         .collect(),
+        "rfc2217" => vec![
+            // Cut after each byte: agreements, every command, a break, data with a doubled IAC.
+            b"\x01\xff\xfd\x00\xff\xfb\x2c\xff\xfd\x03\xff\xfa\x2c\x01\x00\x00\x12\xc0\xff\xf0a\xff\xffb".to_vec(),
+            (0..13).flat_map(|n| [255, 250, 44, n, n / 2, 255, 240, b'x']).chain([255, 243]).collect(),
+        ],
         other => panic!("of what should {other} be made?"),
     }
 }
@@ -358,7 +363,7 @@ macro_rules! entries {
 
 entries! {
     rig_file place scenario_file fault_file program csv variation sweep_rows quantity request to_board from_board trace
-    trace_blocks motion_program servo_commands lathe_bytes grbl gcode plan
+    trace_blocks motion_program servo_commands lathe_bytes grbl gcode plan rfc2217
 }
 
 #[test]

@@ -9,6 +9,8 @@ use std::sync::LazyLock;
 use torno::control::Request;
 use torno::fault;
 use torno::planning;
+use torno::port::LineCoding;
+use torno::port::rfc2217::{Request as Request2217, Server};
 use torno::rig::file::{RigFile, RigFileError};
 use torno::rig::place;
 use torno::scenario::{Scenario, ScenarioError};
@@ -36,7 +38,7 @@ mod controller;
 type Entry = (&'static str, fn(&[u8]));
 
 /// All of them. A fuzz target has the same name.
-pub(crate) const ENTRIES: [Entry; 20] = [
+pub(crate) const ENTRIES: [Entry; 21] = [
     ("rig_file", rig_file),
     ("place", place_in_a_rig),
     ("scenario_file", scenario_file),
@@ -57,6 +59,7 @@ pub(crate) const ENTRIES: [Entry; 20] = [
     ("grbl", controller::answers::hold),
     ("gcode", gcode),
     ("plan", plan),
+    ("rfc2217", rfc2217),
 ];
 
 /// Holds these bytes against the entry of that name.
@@ -398,6 +401,29 @@ fn lathe_bytes(bytes: &[u8]) {
     let sent: Vec<u8> = replies.iter().flat_map(|reply| reply.emit()).collect();
     assert!(bytes.starts_with(&sent) && bytes.len() - sent.len() < 3, "{replies:?}");
     assert!(replies.iter().all(|reply| !reply.code().is_empty() && !reply.to_string().is_empty()));
+}
+
+/// A client of a port that is controlled by RFC 2217: its first byte says how the stream is cut.
+fn rfc2217(bytes: &[u8]) {
+    let Some((size, bytes)) = bytes.split_first() else { return };
+    let new = || Server::new(LineCoding::at(9600), false);
+    let (mut whole, mut parts) = (new(), new());
+    let data = |requests: Vec<Request2217>| {
+        requests.into_iter().flat_map(|request| match request {
+            Request2217::Data(bytes) => bytes,
+            _ => Vec::new(),
+        })
+    };
+    let expected: Vec<u8> = data(whole.receive(bytes)).collect();
+    let cut: Vec<u8> = bytes
+        .chunks(usize::from(*size).max(1))
+        .flat_map(|part| data(parts.receive(part)).collect::<Vec<u8>>())
+        .collect();
+    assert_eq!(cut, expected);
+    let answers = whole.take_answers();
+    assert_eq!(parts.take_answers(), answers);
+    // What it says itself at first, and no more than four times what it is told.
+    assert!(answers.len() <= 12 + 4 * bytes.len(), "{} for {}", answers.len(), bytes.len());
 }
 
 /// A program of either dialect, whole and byte by byte.

@@ -50,3 +50,4 @@ mod tidy;
 mod trace;
 mod turning;
 mod verdicts;
+mod ways;

@@ -631,7 +631,8 @@ pub(crate) fn pyserial(up: &Up, script: &str) -> bool {
     };
     let python = ["python3", "/usr/bin/python3"].into_iter().find(has_serial);
     let Some(python) = python else { return is_installed("pyserial", &mut Command::new("false")) };
-    let output = Command::new(python).arg("-c").arg(script).arg(up.link()).output().unwrap();
+    let port = up.ready["ports"]["pc"]["port"].as_str().unwrap();
+    let output = Command::new(python).arg("-c").arg(script).arg(port).output().unwrap();
     assert!(output.status.success(), "{}\n{}", String::from_utf8_lossy(&output.stderr), up.log());
     true
 }

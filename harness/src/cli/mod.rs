@@ -19,6 +19,7 @@ mod test;
 mod trace;
 mod tune;
 mod up;
+mod ways;
 
 use std::fs::File;
 use std::future::poll_fn;

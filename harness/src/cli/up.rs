@@ -6,12 +6,11 @@ use std::process::ExitCode;
 
 use serde::Serialize;
 use serde_json::json;
-use torno::control::{Control, socket_beside};
+use torno::control::Control;
 use torno::fault::{self, FaultFile};
 use torno::kept::KeptFile;
 use torno::live::{Left, Live};
 use torno::pace::Pace;
-use torno::port::{LinkPath, PcPort};
 use torno::rig::ProcessChange;
 use torno::rig::file::{DEFAULT, RigFile};
 use torno::scenario::seed_text;
@@ -19,16 +18,15 @@ use torno::session::INTERRUPTED as ENDED;
 use tracing::Instrument;
 
 use super::options::{Eeprom, Placement, keepers, write_kept};
+use super::ways::{Ways, attach, paths};
 use super::{FAILED, INTERRUPTED, Interrupt, load_rig, print, rig_span, start_recording, wait_for_boards};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
     /// A built-in rig or a rig file [default: lathe]
     rig: Option<String>,
-    /// Where to put the symbolic link to the PC port [default: $XDG_RUNTIME_DIR/torno/RIG-pc, or
-    /// /tmp/torno-UID/RIG-pc]
-    #[arg(long, value_name = "PATH")]
-    link: Option<PathBuf>,
+    #[command(flatten)]
+    ways: Ways,
     /// Virtual seconds per second, or 'max': as fast as the rig has something to do
     #[arg(long, default_value = "1", value_name = "N|max")]
     pace: Pace,
@@ -62,16 +60,20 @@ pub(super) struct Arguments {
 struct Ready<'a> {
     rig: &'a str,
     pace: serde_json::Value,
-    ports: BTreeMap<&'a str, Port>,
+    ports: BTreeMap<&'a str, Port<'a>>,
     control: &'a Path,
     pid: u32,
     boards: BTreeMap<&'a str, Board>,
 }
 
 #[derive(Serialize)]
-struct Port {
-    path: PathBuf,
-    device: PathBuf,
+struct Port<'a> {
+    /// As pyserial opens it.
+    port: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    path: Option<&'a Path>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    device: Option<&'a Path>,
     baud: u32,
 }
 
@@ -91,10 +93,6 @@ impl Arguments {
     async fn up(self, file: RigFile, kept_files: Vec<KeptFile>) -> anyhow::Result<ExitCode> {
         // Before anything is announced, so that whoever reads the announcement may end the rig.
         let mut interrupt = Interrupt::listen()?;
-        let link = match self.link {
-            Some(path) => LinkPath::Chosen(path),
-            None => LinkPath::Default { rig: file.name.clone(), gateway: file.pc.name.clone() },
-        };
         let names = file.names();
         let FaultFile { seed, drawn, faults } =
             self.faults.as_deref().map_or(Ok(FaultFile::default()), |path| fault::load(path, &names, None))?;
@@ -104,13 +102,8 @@ impl Arguments {
         let others = self.placement.or_processes()?;
         let waited = wait_for_boards(&file, &self.awaited, others, self.json, &mut interrupt).await?;
         let Some((driver, _)) = waited else { return Ok(ExitCode::SUCCESS) };
-        let port = PcPort::open(link, file.pc.baud)?;
-        let socket = self.control.unwrap_or_else(|| socket_beside(port.link()));
-        let mut ports = vec![port];
-        for gateway in &file.more {
-            let (rig, name) = (file.name.clone(), gateway.name.clone());
-            ports.push(PcPort::open(LinkPath::Default { rig, gateway: name }, gateway.baud)?);
-        }
+        let (ports, beside) = self.ways.open(&file)?;
+        let socket = self.control.unwrap_or(beside);
         let control = Control::open(&socket)?;
         let socket = control.path().to_owned();
         let header = file.header(self.rig.as_deref().unwrap_or(DEFAULT), 0, None);
@@ -163,7 +156,10 @@ fn announcement(file: &RigFile, live: &Live, control: &Path, pace: Pace, json: b
         known.map(|(node, _)| node).map(|node| (node.name.as_str(), node.pid.unwrap_or_else(std::process::id)));
     let gateways = || file.gateways().zip(live.ports());
     if json {
-        let port = |port: &PcPort, baud| Port { path: port.link().to_owned(), device: port.path().to_owned(), baud };
+        let port = |port, baud| {
+            let (path, device) = paths(port);
+            Port { port: port.url(), path, device, baud }
+        };
         let ready = Ready {
             rig: &file.name,
             pace: match pace {
@@ -181,13 +177,13 @@ fn announcement(file: &RigFile, live: &Live, control: &Path, pace: Pace, json: b
     let boards: Vec<String> = boards.map(|(name, pid)| format!("{name} {pid}")).collect();
     let mut ports = String::new();
     for (n, (gateway, port)) in gateways().enumerate() {
-        let (baud, link) = (gateway.baud, port.link().display());
+        let (baud, url) = (gateway.baud, port.url());
         let what = if n == 0 { "PC".to_owned() } else { gateway.name.clone() };
         let what = format!("{what} port");
-        ports += &format!("{what:<9} {link}  ({baud} baud, 8N1)\n");
-        ports += &format!("attach    picocom -b {baud} {link}\n");
-        if let Some(player) = gateway.dialect.player_at_port() {
-            ports += &format!("or        {player} PROGRAM --port {link}\n");
+        ports += &format!("{what:<9} {url}  ({baud} baud, 8N1)\n");
+        ports += &format!("attach    {}\n", attach(port, baud));
+        if let Some(player) = gateway.dialect.player_at_port().filter(|_| port.pty().is_some()) {
+            ports += &format!("or        {player} PROGRAM --port {url}\n");
         }
     }
     let usual = control == torno::port::default_folder().join(format!("{DEFAULT}-control"));

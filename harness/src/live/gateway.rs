@@ -5,10 +5,10 @@ use torno_engine::{Fact, Input, InputKind, NodeId};
 use torno_protocol::board::Stimulus;
 use torno_protocol::layout::GATEWAY;
 use torno_protocol::time::{Instant, Span};
-use torno_protocol::uart::BITS_PER_CHARACTER;
+use torno_protocol::uart::{BITS_PER_CHARACTER, Format};
 
 use crate::observe::log;
-use crate::port::{LineSettings, PcPort, PortEvent};
+use crate::port::{LineCoding, LineSettings, PcPort, PortEvent};
 use crate::rig::file;
 use crate::session::{Exchange, Happened, Session, SessionError};
 
@@ -49,7 +49,7 @@ pub(super) struct Gateway {
 
 impl Gateway {
     pub(super) fn new(place: usize, node: NodeId, gateway: &file::Gateway, port: PcPort) -> Self {
-        let settings = LineSettings { baud: gateway.baud, ixon: false };
+        let settings = LineSettings { coding: LineCoding::at(gateway.baud), ixon: false };
         let name = if gateway.name == GATEWAY { "PC".to_owned() } else { gateway.name.clone() };
         let supply = Vec::new();
         let baud = gateway.baud;
@@ -89,21 +89,21 @@ impl Gateway {
         if self.queued > DRIVER_LOW { 0 } else { DRIVER_QUEUE - self.queued }
     }
 
-    /// Bytes that were written at another speed wait until the others are sent.
-    fn speed(&self) -> Option<u32> {
-        self.is_sending().then_some(self.settings.baud)
+    /// Bytes that were written at another speed, or in another format, wait until the others are sent.
+    fn coding(&self) -> Option<LineCoding> {
+        self.is_sending().then_some(self.settings.coding)
     }
 
     /// Waits for something from the client. Cancel-safe.
     pub(super) async fn event(&mut self) -> std::io::Result<PortEvent> {
-        let (room, speed) = (self.room(), self.speed());
-        self.port.event(room, speed).await
+        let (room, coding) = (self.room(), self.coding());
+        self.port.event(room, coding).await
     }
 
     /// The same, if it is there already.
     pub(super) fn try_event(&mut self) -> std::io::Result<Option<PortEvent>> {
-        let (room, speed) = (self.room(), self.speed());
-        self.port.try_event(room, speed)
+        let (room, coding) = (self.room(), self.coding());
+        self.port.try_event(room, coding)
     }
 
     /// Forgets what waited for the UART when its supply went or came.
@@ -139,7 +139,11 @@ impl Gateway {
             match exchange {
                 _ if *gateway != self.place => {}
                 Exchange::Sent(..) => self.queued = self.queued.saturating_sub(1),
-                Exchange::Received(byte, _) | Exchange::Garbled(byte) => received.push(*byte),
+                Exchange::Received(byte, _) => received.push(*byte),
+                Exchange::Garbled(byte) => {
+                    received.push(*byte);
+                    self.port.tell_line_error(*byte == 0);
+                }
             }
         }
         if received.is_empty() {
@@ -168,7 +172,7 @@ impl Gateway {
         log::set_time(at);
         self.began &= !matches!(event, PortEvent::Opened | PortEvent::Closed);
         match event {
-            PortEvent::Data { baud, .. } => self.set(baud, at, session)?,
+            PortEvent::Data { coding, .. } => self.set(coding, at, session)?,
             _ => self.configure(at, session)?,
         }
         match event {
@@ -182,15 +186,29 @@ impl Gateway {
             }
             PortEvent::Opened => {
                 tracing::info!("the {} port has been opened", self.name);
-                if let Some(board) = self.restarts {
-                    session.stimulate(board, at, Stimulus::Reset);
+                if !self.port.tells_dtr() {
+                    self.restart(at, session);
                 }
+            }
+            PortEvent::Ready => {
+                tracing::info!("the program at the {} port raises DTR", self.name);
+                self.restart(at, session);
+            }
+            PortEvent::Break(low) => {
+                session.stimulate(self.node, at, Stimulus::Break(low));
             }
             PortEvent::Began => self.begin(at, session)?,
             PortEvent::Set => {}
             PortEvent::Closed => tracing::info!("the {} port has been closed", self.name),
         }
         Ok(())
+    }
+
+    /// Restarts the board behind the port, if it is to.
+    fn restart(&self, at: Instant, session: &mut Session) {
+        if let Some(board) = self.restarts {
+            session.stimulate(board, at, Stimulus::Reset);
+        }
     }
 
     /// A client writes for the first time. If the one before has left the UART held, neither its hold nor what it could
@@ -212,29 +230,38 @@ impl Gateway {
 
     /// Sets the UART to what the client has set: its speed when all that was written at another is under way.
     fn configure(&mut self, at: Instant, session: &mut Session) -> Result<(), SessionError> {
-        let baud = self.speed().unwrap_or_else(|| self.port.next_baud());
-        self.set(baud, at, session)
+        let coding = self.coding().unwrap_or_else(|| self.port.next_coding());
+        self.set(coding, at, session)
     }
 
-    /// Sets the UART to this speed of the client's. What the one before has left is still held as that one wanted.
-    fn set(&mut self, baud: u32, at: Instant, session: &mut Session) -> Result<(), SessionError> {
+    /// Sets the UART to this coding of the client's. What the one before has left is still held as that one wanted.
+    fn set(&mut self, coding: LineCoding, at: Instant, session: &mut Session) -> Result<(), SessionError> {
         let present = self.port.settings()?.ixon;
         let keeps = self.port.leftover() > 0 || (!self.began && self.queued > 0);
-        let settings = LineSettings { baud, ixon: if keeps { self.settings.ixon } else { present } };
+        let settings = LineSettings { coding, ixon: if keeps { self.settings.ixon } else { present } };
         if settings == self.settings {
             return Ok(());
         }
-        let before = core::mem::replace(&mut self.settings, settings).baud;
+        let LineSettings { coding: before, ixon: flowed } = core::mem::replace(&mut self.settings, settings);
+        let LineCoding { baud, format } = coding;
         let (name, rig, flow) = (&self.name, self.rig, if settings.ixon { "on" } else { "off" });
-        tracing::info!("the program at the {name} port sets {baud} baud, XON/XOFF {flow}");
+        tracing::info!("the program at the {name} port sets {baud} baud, {format}, XON/XOFF {flow}");
         // 0 hangs up; the cable has no line for that.
         let uart = if baud == 0 { self.baud } else { baud.clamp(*BAUD.start(), *BAUD.end()) };
-        if baud != before && uart != rig {
+        if baud != before.baud && uart != rig {
             let takes = if uart == baud { String::new() } else { format!(", which its UART takes for {uart}") };
             tracing::warn!("the program at the {name} port sets {baud} baud{takes}, but the rig's line has {rig} baud");
         }
         self.baud = uart;
-        session.stimulate(self.node, at, Stimulus::Configure { baud: uart, ixon: settings.ixon });
+        if (baud, settings.ixon) != (before.baud, flowed) {
+            session.stimulate(self.node, at, Stimulus::Configure { baud: uart, ixon: settings.ixon });
+        }
+        if format != before.format {
+            if format != Format::EIGHT_N_ONE {
+                tracing::warn!("the program at the {name} port sets {format}, but the rig's line has 8N1");
+            }
+            session.stimulate(self.node, at, Stimulus::Format(format));
+        }
         Ok(())
     }
 }
@@ -244,7 +271,7 @@ mod tests {
     use torno_engine::Limit;
 
     use super::*;
-    use crate::port::LinkPath;
+    use crate::port::{LinkPath, Transport};
     use crate::rig::Driver;
     use crate::rig::file::RigFile;
 
@@ -252,14 +279,14 @@ mod tests {
     async fn what_a_client_writes_stays_in_order_whatever_the_clocks_say() {
         let file = RigFile::load("lathe").unwrap();
         let folder = tempfile::tempdir().unwrap();
-        let port = PcPort::open(LinkPath::Chosen(folder.path().join("pc")), file.pc.baud).unwrap();
+        let port = PcPort::open(Transport::Pty, LinkPath::Chosen(folder.path().join("pc")), file.pc.baud).unwrap();
         let mut session = Session::start(&file, &Driver::InProcess, file.pc.uart()).await.unwrap();
         let pc = session.rig().pc();
         let mut gateway = Gateway::new(0, pc, &file.pc, port);
-        let baud = file.pc.baud;
+        let coding = LineCoding::at(file.pc.baud);
         // Dated by the wall clock, which is ahead, and then by the rig's.
         for (byte, ms) in [(b'a', 10), (b'b', 5), (b'c', 20)] {
-            let event = PortEvent::Data { bytes: vec![byte], baud };
+            let event = PortEvent::Data { bytes: vec![byte], coding };
             gateway.take(event, Instant::START + Span::from_millis(ms), &mut session).unwrap();
         }
         let mut sent = Vec::new();

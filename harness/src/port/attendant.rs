@@ -2,7 +2,6 @@
 //!
 //! Everything is done under one lock, by whoever comes first: the thread, or the rig that asks for events.
 
-use std::collections::VecDeque;
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -14,9 +13,10 @@ use rustix::fd::OwnedFd;
 use tokio::sync::Notify;
 
 use super::clients::{Change, Clients};
+use super::event::{LineCoding, LineSettings, PortEvent};
 use super::order::{self, Mark, Waited};
 use super::pty::{Pty, Said};
-use super::{LineSettings, PortEvent};
+use super::queue::Queue;
 
 /// So many bytes are taken from a client before they are wanted, as by a serial driver: for these it is known at which
 /// speed they were written, and whether a flush is for them. Others stay in the kernel.
@@ -34,14 +34,7 @@ const ASKED_AGAIN: Duration = Duration::from_millis(2);
 pub(super) struct Desk {
     clients: Clients,
     pub(super) pty: Pty,
-    /// What clients have done, and nobody has been told of.
-    queue: VecDeque<PortEvent>,
-    /// So many events of it are of clients that have closed the port.
-    left: usize,
-    /// So many are older than the client that was last told to have begun.
-    older: usize,
-    /// Whether the client that has the port open has written.
-    began: bool,
+    queue: Queue,
     /// Whether a client has set the line, and nobody has been told.
     set: bool,
     /// Whether the thread knows that it is to ask again who is there.
@@ -52,40 +45,20 @@ pub(super) struct Desk {
 impl Desk {
     pub(super) fn new(clients: Clients, pty: Pty) -> io::Result<Desk> {
         pty.order().watch(clients.notices(), Mark::Noticed)?;
-        let queue = VecDeque::new();
-        Ok(Desk { clients, pty, queue, left: 0, older: 0, began: false, set: false, called: false, failed: None })
+        let queue = Queue::default();
+        Ok(Desk { clients, pty, queue, set: false, called: false, failed: None })
     }
 
-    /// The next event, if it is there already. Data only if they were written at `baud`, if that is given.
-    pub(super) fn event(&mut self, max: usize, baud: Option<u32>) -> io::Result<Option<PortEvent>> {
+    /// The next event, if it is there already. Data only if they were written in `coding`, if that is given.
+    pub(super) fn event(&mut self, max: usize, coding: Option<LineCoding>) -> io::Result<Option<PortEvent>> {
         self.failed.take().map_or(Ok(()), Err)?;
         self.attend()?;
         Ok(match self.clients.changes().pop_front() {
             Some(Change::FirstOpened) => Some(PortEvent::Opened),
             Some(Change::LastClosed) => Some(PortEvent::Closed),
             None if core::mem::take(&mut self.set) => Some(PortEvent::Set),
-            None => self.next(max, baud),
+            None => self.queue.next(max, coding),
         })
-    }
-
-    fn next(&mut self, max: usize, baud: Option<u32>) -> Option<PortEvent> {
-        // That another client has begun is told even if nobody wants the bytes of the one before.
-        if let Some(began) = self.queue.iter().position(|event| *event == PortEvent::Began) {
-            self.older = began;
-            self.left -= usize::from(began < self.left);
-            return self.queue.remove(began);
-        }
-        match self.queue.front_mut()? {
-            PortEvent::Data { baud: at, .. } if max == 0 || baud.is_some_and(|baud| baud != *at) => None,
-            PortEvent::Data { bytes, baud } if bytes.len() > max => {
-                Some(PortEvent::Data { bytes: bytes.drain(..max).collect(), baud: *baud })
-            }
-            _ => {
-                self.left = self.left.saturating_sub(1);
-                self.older = self.older.saturating_sub(1);
-                self.queue.pop_front()
-            }
-        }
     }
 
     /// Writes towards the client. Returns how many bytes were lost.
@@ -104,26 +77,24 @@ impl Desk {
         Ok(self.pty.line())
     }
 
-    /// The speed of what comes next: of the first byte that nobody has taken, or what the line is set to.
-    pub(super) fn next_baud(&self) -> u32 {
-        let baud = |event: &PortEvent| if let PortEvent::Data { baud, .. } = event { Some(*baud) } else { None };
-        self.queue.iter().find_map(baud).unwrap_or(self.pty.line().baud)
+    /// What the first byte that nobody has taken was written in, or what the line is set to.
+    pub(super) fn next_coding(&self) -> LineCoding {
+        self.queue.next_coding().unwrap_or(self.pty.line().coding)
     }
 
     /// How many bytes clients have left that have closed the port.
     pub(super) fn leftover(&self) -> usize {
-        self.queue.range(..self.left).map(bytes).sum()
+        self.queue.leftover()
     }
 
     /// How many bytes are held of the client that has the port open.
+    #[cfg(test)]
     pub(super) fn held(&self) -> usize {
-        self.queue.range(self.left..).map(bytes).sum()
+        self.queue.held()
     }
 
     pub(super) fn forget_leftover(&mut self) -> usize {
-        let forgotten = self.queue.drain(..self.older).map(|event| bytes(&event)).sum();
-        self.left = self.left.saturating_sub(core::mem::take(&mut self.older));
-        forgotten
+        self.queue.forget_leftover()
     }
 
     /// Takes in what has happened. Says whether there is more.
@@ -131,7 +102,7 @@ impl Desk {
         self.pty.note_order()?;
         for _ in 0..AT_ONCE {
             self.notice_clients()?;
-            let held = self.held();
+            let held = self.queue.held();
             if self.listen(AHEAD.saturating_sub(held), MOST.saturating_sub(held))? {
                 self.clients.hear();
             }
@@ -160,22 +131,12 @@ impl Desk {
             self.pty.forget_replies_and_restart()?;
             // The next may be there already, but has hardly written yet.
             self.listen(MOST, MOST)?;
-            self.left = self.queue.len();
-            self.began = false;
+            self.queue.leave();
         }
         if self.clients.changes().len() > known && self.clients.changes().back() == Some(&Change::FirstOpened) {
-            self.forget_beginnings();
+            self.queue.forget_beginnings();
         }
         Ok(())
-    }
-
-    /// A client has opened the port: those before it have begun for nobody.
-    fn forget_beginnings(&mut self) {
-        let earlier = |n: &usize| self.queue[*n] == PortEvent::Began;
-        let (left, older) = ((0..self.left).filter(earlier).count(), (0..self.older).filter(earlier).count());
-        self.left -= left;
-        self.older -= older;
-        self.queue.retain(|event| *event != PortEvent::Began);
     }
 
     /// Takes what the client has done, at most `room` bytes, or `most` of which the speed would be lost.
@@ -185,34 +146,15 @@ impl Desk {
         for said in self.pty.look(room, most.max(room))? {
             match said {
                 Said::Set => self.set = true,
-                Said::Flushed => {
-                    self.queue.clear();
-                    (self.left, self.older) = (0, 0);
-                    self.queue.push_back(PortEvent::Flushed);
-                }
+                Said::Flushed => self.queue.flush(),
                 Said::Data(bytes, baud) => {
                     wrote = true;
-                    self.put(bytes, baud);
+                    self.queue.put(bytes, LineCoding::at(baud));
                 }
             }
         }
         Ok(wrote)
     }
-
-    fn put(&mut self, data: Vec<u8>, at: u32) {
-        if !core::mem::replace(&mut self.began, true) {
-            self.queue.push_back(PortEvent::Began);
-        }
-        let apart = self.queue.len() <= self.left.max(self.older);
-        match self.queue.back_mut().filter(|_| !apart) {
-            Some(PortEvent::Data { bytes, baud }) if *baud == at => bytes.extend(data),
-            _ => self.queue.push_back(PortEvent::Data { bytes: data, baud: at }),
-        }
-    }
-}
-
-fn bytes(event: &PortEvent) -> usize {
-    if let PortEvent::Data { bytes, .. } = event { bytes.len() } else { 0 }
 }
 
 /// The port, and the thread that attends to it for as long as this lives.
@@ -254,9 +196,9 @@ impl Attendant {
     }
 
     /// The next event, as [there](Desk::event).
-    pub(super) fn event(&self, max: usize, baud: Option<u32>) -> io::Result<Option<PortEvent>> {
+    pub(super) fn event(&self, max: usize, coding: Option<LineCoding>) -> io::Result<Option<PortEvent>> {
         let mut desk = self.desk();
-        let event = desk.event(max, baud);
+        let event = desk.event(max, coding);
         // Only the thread can wait for it to be time to ask again.
         let is_unsure = desk.clients.is_unsure();
         if is_unsure && !core::mem::replace(&mut desk.called, is_unsure) {

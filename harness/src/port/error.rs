@@ -1,4 +1,5 @@
 use std::io;
+use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use rustix::io::Errno;
@@ -54,6 +55,14 @@ pub enum PortError {
     Baud {
         /// The speed asked for, in baud.
         baud: u32,
+    },
+    /// The system refused to listen at an address.
+    #[error("cannot listen at {address}: {cause}; choose another address or port, or 0 for a port that is free")]
+    Listen {
+        /// The address asked for.
+        address: SocketAddr,
+        /// What the system said.
+        cause: io::Error,
     },
     /// The system refused a pty, or something that it takes.
     #[error("cannot {step}: {cause}; {advice}")]

@@ -1,6 +1,7 @@
-//! The PC's serial port: a pty that PC software opens as if it were a serial adapter.
+//! The PC's serial port, as PC software reaches it: a pty that it opens as if it were a serial adapter, or a socket.
+//! [`PcPort`] is either.
 //!
-//! A pty differs from a serial port where it hurts; [`PcPort`] takes care of these:
+//! A pty differs from a serial port where it hurts; [`PtyPort`] takes care of these:
 //!
 //! - A fresh pty echoes, and acts on XON/XOFF. The rig's speed, 8N1 and raw mode are set before the link is announced.
 //! - Once the last client has closed, reads on the master side fail with EIO for ever. The port keeps a slave
@@ -28,14 +29,23 @@
 mod attendant;
 mod clients;
 mod error;
+mod event;
 mod link;
 mod order;
 mod pc;
 mod pty;
+mod queue;
+pub mod rfc2217;
+mod tcp;
+mod terminal;
 #[cfg(test)]
 mod tests;
+mod transport;
 
 pub use error::PortError;
+pub use event::{LineCoding, LineSettings, PortEvent};
 pub use link::{LinkPath, default_folder, made_folder};
-pub use pc::{PcPort, PortEvent};
-pub use pty::LineSettings;
+pub use pc::PcPort;
+pub use tcp::TcpPort;
+pub use terminal::PtyPort;
+pub use transport::{Transport, TransportError};

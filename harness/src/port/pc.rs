@@ -1,101 +1,93 @@
 use std::io;
-use std::path::{Path, PathBuf};
 
-use super::attendant::{Attendant, Desk};
-use super::clients::Clients;
-use super::link::Link;
-use super::pty::Pty;
-use super::{LineSettings, LinkPath, PortError};
+use super::PortError;
+use super::event::{LineCoding, LineSettings, PortEvent};
+use super::link::LinkPath;
+use super::tcp::TcpPort;
+use super::terminal::PtyPort;
+use super::transport::Transport;
 
-/// Something that happened at the PC's port.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum PortEvent {
-    /// A client opened the port, which nobody had open.
-    Opened,
-    /// The client that opened the port has written for the first time; its bytes follow those that the one before
-    /// has left, unless these are [forgotten](PcPort::forget_leftover).
-    Began,
-    /// Bytes that a client has written at a speed.
-    Data {
-        /// The bytes; never empty.
-        bytes: Vec<u8>,
-        /// The speed that the line was set to when they were written, in baud.
-        baud: u32,
-    },
-    /// The client has flushed its output: whatever it wrote before and has not left yet is to be forgotten.
-    Flushed,
-    /// The client has set another speed, or turned XON/XOFF on or off: see [`PcPort::settings`].
-    Set,
-    /// The last client has closed the port. What it has left still comes, before the bytes of the next.
-    Closed,
-}
-
-/// The emulated rig's side of the PC's serial port, for as long as it lives. Dropped, it hangs up whoever has the port
-/// open, as when an adapter is pulled out, and removes its link.
+/// The emulated rig's side of the PC's serial port, for as long as it lives, whatever clients reach it by.
 #[derive(Debug)]
-pub struct PcPort {
-    // First, so that the link goes before the pty it points to.
-    link: Link,
-    path: PathBuf,
-    attendant: Attendant,
+pub enum PcPort {
+    /// A pseudo-terminal.
+    Pty(PtyPort),
+    /// A TCP socket.
+    Tcp(Box<TcpPort>),
 }
 
 impl PcPort {
-    /// Opens a port at the rig's speed of `baud` (in baud, from 1), 8N1, raw, and then announces it at `link`. Only the
-    /// current user may open it.
+    /// Opens a port at the rig's speed of `baud` (in baud, from 1), 8N1. A pty is announced at `link`.
     ///
     /// # Errors
     ///
-    /// If the link is taken or cannot be made, or the system has no pty to give.
-    pub fn open(link: LinkPath, baud: u32) -> Result<PcPort, PortError> {
-        let pty = Pty::open(baud)?;
-        let path = pty.path().to_owned();
-        let clients = Clients::watch(&path).map_err(PortError::watch)?;
-        let attendant = Desk::new(clients, pty).and_then(Attendant::start).map_err(PortError::watch)?;
-        Ok(PcPort { link: Link::make(link, &path)?, path, attendant })
+    /// If the link is taken or cannot be made, or the system has no pty or socket to give.
+    pub fn open(transport: Transport, link: LinkPath, baud: u32) -> Result<PcPort, PortError> {
+        let tcp = |address, controls| TcpPort::open(address, controls, baud).map(|port| Self::Tcp(Box::new(port)));
+        match transport {
+            Transport::Pty => PtyPort::open(link, baud).map(Self::Pty),
+            Transport::Tcp(address) => tcp(address, false),
+            Transport::Rfc2217(address) => tcp(address, true),
+        }
     }
 
-    /// The device that clients open, `/dev/pts/N`.
-    pub fn path(&self) -> &Path {
-        &self.path
+    /// The pty, if it is one.
+    pub const fn pty(&self) -> Option<&PtyPort> {
+        match self {
+            Self::Pty(port) => Some(port),
+            Self::Tcp(_) => None,
+        }
     }
 
-    /// The symbolic link to it, which stays the same from run to run.
-    pub fn link(&self) -> &Path {
-        self.link.path()
+    /// Where clients find it, as pyserial's `serial_for_url` takes it: a path or a URL.
+    pub fn url(&self) -> String {
+        match self {
+            Self::Pty(port) => port.link().display().to_string(),
+            Self::Tcp(port) => port.url(),
+        }
     }
 
-    /// What a client has set the line to by now. As with a serial adapter, it stays so when the client closes: that is
-    /// why `stty -F PORT` works.
+    /// Whether it tells of DTR. Others have it risen when a client opens them.
+    pub fn tells_dtr(&self) -> bool {
+        match self {
+            Self::Pty(_) => false,
+            Self::Tcp(port) => port.controls(),
+        }
+    }
+
+    /// What a client has set the line to by now. As with a serial adapter, it stays so when the client closes.
     ///
     /// # Errors
     ///
     /// If the system refuses, which it has no reason to.
     pub fn settings(&self) -> io::Result<LineSettings> {
-        self.attendant.desk().settings()
+        match self {
+            Self::Pty(port) => port.settings(),
+            Self::Tcp(port) => Ok(port.settings()),
+        }
     }
 
-    /// The speed at which the next byte that has not been taken was written; without one, what the line is set to.
-    pub fn next_baud(&self) -> u32 {
-        self.attendant.desk().next_baud()
+    /// What the next byte that has not been taken was written in; without one, what the line is set to.
+    pub fn next_coding(&self) -> LineCoding {
+        match self {
+            Self::Pty(port) => port.next_coding(),
+            Self::Tcp(port) => port.next_coding(),
+        }
     }
 
-    /// Waits for the next event, and takes at most `max` bytes of data; with a `baud`, only such as were written at
-    /// that speed. Data that are not taken stay where they are: the client fills the kernel's buffer, and its writes
-    /// then block, as with a driver whose queue is full. Other events come even so.
+    /// Waits for the next event, and takes at most `max` bytes of data; with a `coding`, only such as were written in
+    /// that. Data that are not taken stay where they are: the client fills the system's buffers, and its writes then
+    /// block, as with a driver whose queue is full. Other events come even so.
     ///
     /// Cancel-safe: an event that was not returned comes from the next call.
     ///
     /// # Errors
     ///
     /// If the system refuses.
-    pub async fn event(&mut self, max: usize, baud: Option<u32>) -> io::Result<PortEvent> {
-        loop {
-            // News that comes after the try is kept, and ends the wait.
-            if let Some(event) = self.try_event(max, baud)? {
-                return Ok(event);
-            }
-            self.attendant.news().await;
+    pub async fn event(&mut self, max: usize, coding: Option<LineCoding>) -> io::Result<PortEvent> {
+        match self {
+            Self::Pty(port) => port.event(max, coding).await,
+            Self::Tcp(port) => port.event(max, coding).await,
         }
     }
 
@@ -104,32 +96,46 @@ impl PcPort {
     /// # Errors
     ///
     /// As there.
-    pub fn try_event(&mut self, max: usize, baud: Option<u32>) -> io::Result<Option<PortEvent>> {
-        self.attendant.event(max, baud)
+    pub fn try_event(&mut self, max: usize, coding: Option<LineCoding>) -> io::Result<Option<PortEvent>> {
+        match self {
+            Self::Pty(port) => port.try_event(max, coding),
+            Self::Tcp(port) => port.try_event(max, coding),
+        }
     }
 
-    /// Writes replies towards the client without waiting; XON and XOFF among them act on a client that has IXON on.
+    /// Writes replies towards the client without waiting.
     ///
-    /// Returns how many bytes were lost because the client does not read (the kernel holds about 22 KB for it). With no
-    /// client they go nowhere, as on a cable that nobody listens to, and 0 is returned.
+    /// Returns how many bytes were lost because the client does not read. With no client they go nowhere, as on a cable
+    /// that nobody listens to, and 0 is returned.
     #[must_use = "bytes may have been lost"]
     pub fn write(&mut self, bytes: &[u8]) -> usize {
-        self.attendant.desk().write(bytes)
+        match self {
+            Self::Pty(port) => port.write(bytes),
+            Self::Tcp(port) => port.write(bytes),
+        }
+    }
+
+    /// A character has come with an error, or a break: tells the client, if there is a way to.
+    pub fn tell_line_error(&mut self, is_break: bool) {
+        match self {
+            Self::Pty(_) => {}
+            Self::Tcp(port) => port.tell_line_error(is_break),
+        }
     }
 
     /// How many bytes clients have left that have closed the port.
     pub fn leftover(&self) -> usize {
-        self.attendant.desk().leftover()
+        match self {
+            Self::Pty(port) => port.leftover(),
+            Self::Tcp(port) => port.leftover(),
+        }
     }
 
     /// Forgets those that are older than the client that [has begun](PortEvent::Began). Says how many there were.
     pub fn forget_leftover(&mut self) -> usize {
-        self.attendant.desk().forget_leftover()
-    }
-
-    /// Keeps the port from noticing anything, for as long as what this gives is held.
-    #[cfg(test)]
-    pub(super) fn unattended(&self) -> std::sync::MutexGuard<'_, Desk> {
-        self.attendant.desk()
+        match self {
+            Self::Pty(port) => port.forget_leftover(),
+            Self::Tcp(port) => port.forget_leftover(),
+        }
     }
 }

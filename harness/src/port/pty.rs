@@ -17,6 +17,7 @@ use rustix::termios::{
 };
 
 use super::PortError;
+use super::event::{LineCoding, LineSettings};
 use super::order::{Mark, Order};
 
 /// Bytes of one read: what the kernel's line discipline holds, and the status byte.
@@ -26,15 +27,6 @@ const READ_MAX: usize = 4096 + 1;
 const STATUS_DATA: u8 = 0;
 /// Status bit: the client has flushed its output (`TIOCPKT_FLUSHWRITE`).
 const STATUS_FLUSHED_OUTPUT: u8 = 1 << 1;
-
-/// What the client has set its end of the line to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct LineSettings {
-    /// Speed at which the client sends, in baud; any number, not only the standard ones. 0 (`B0`) is a line hung up.
-    pub baud: u32,
-    /// Whether XOFF and XON stop and restart the client's writes.
-    pub ixon: bool,
-}
 
 /// Something that the client has done.
 #[derive(Debug, PartialEq, Eq)]
@@ -91,7 +83,7 @@ impl Pty {
         let master = twice(master).map_err(PortError::watch)?;
         let watched = || order.watch(&master[0], Mark::Arrived).and_then(|()| order.watch(&master[1], Mark::Told));
         watched().map_err(|errno| PortError::watch(errno.into()))?;
-        let line = LineSettings { baud, ixon: false };
+        let line = LineSettings { coding: LineCoding::at(baud), ixon: false };
         let (buffer, marks) = (vec![0; READ_MAX].into(), Vec::new());
         let mut pty =
             Pty { master, slave: None, path, buffer, order, marks, has_read: false, wakes: false, line, backlog: 0 };
@@ -120,7 +112,8 @@ impl Pty {
     /// The client's present settings: on the master side, Linux tells those of the slave side.
     fn settings(&self) -> io::Result<LineSettings> {
         let termios = termios::tcgetattr(&self.master[0])?;
-        Ok(LineSettings { baud: termios.output_speed(), ixon: termios.input_modes.contains(InputModes::IXON) })
+        let coding = LineCoding::at(termios.output_speed());
+        Ok(LineSettings { coding, ixon: termios.input_modes.contains(InputModes::IXON) })
     }
 
     /// Notes in which order things have happened, for the next [look](Pty::look). Says whether there is anything.
@@ -171,12 +164,12 @@ impl Pty {
         let line = self.settings()?;
         if line == self.line {
             if !data.is_empty() {
-                said.push(Said::Data(data, line.baud));
+                said.push(Said::Data(data, line.coding.baud));
             }
             return Ok(said);
         }
-        let was = core::mem::replace(&mut self.line, line).baud;
-        if line.baud != was {
+        let was = core::mem::replace(&mut self.line, line).coding.baud;
+        if line.coding.baud != was {
             let (wrote, set) = self.places(Mark::Set)?;
             let wrote_first = wrote.zip(set).is_some_and(|(wrote, set)| wrote < set);
             // The kernel was full, and nothing has come since.
@@ -185,7 +178,7 @@ impl Pty {
                 older = most;
             }
         }
-        while line.baud != was && data.len() < older.min(most) {
+        while line.coding.baud != was && data.len() < older.min(most) {
             match self.read(older.min(most) - data.len())? {
                 Some((STATUS_DATA, bytes)) if !bytes.is_empty() => data.extend(bytes),
                 Some((STATUS_DATA, _)) | None => break,
@@ -200,7 +193,7 @@ impl Pty {
         }
         let newer = data.split_off(older.min(data.len()));
         said.push(Said::Set);
-        said.extend([(data, was), (newer, line.baud)].map(|(data, baud)| Said::Data(data, baud)));
+        said.extend([(data, was), (newer, line.coding.baud)].map(|(data, baud)| Said::Data(data, baud)));
         said.retain(|said| !matches!(said, Said::Data(data, _) if data.is_empty()));
         Ok(said)
     }

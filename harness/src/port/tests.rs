@@ -25,7 +25,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio_serial::{SerialPort, SerialPortBuilderExt};
 
 use super::link::Link;
-use super::{LineSettings, LinkPath, PcPort, PortError, PortEvent};
+use super::{LineCoding, LineSettings, LinkPath, PortError, PortEvent, PtyPort};
 
 mod order;
 
@@ -36,14 +36,14 @@ const XOFF: u8 = 0x13;
 const NOBODY: u32 = 65_534;
 
 struct Bench {
-    port: PcPort,
+    port: PtyPort,
     folder: TempDir,
 }
 
 impl Bench {
     fn new() -> Bench {
         let folder = tempfile::tempdir().unwrap();
-        let port = PcPort::open(LinkPath::Chosen(folder.path().join("rig-pc")), RIG_BAUD).unwrap();
+        let port = PtyPort::open(LinkPath::Chosen(folder.path().join("rig-pc")), RIG_BAUD).unwrap();
         Bench { port, folder }
     }
 
@@ -175,7 +175,7 @@ async fn eventually(mut fact: impl FnMut() -> bool) {
 }
 
 /// Does what the port is to find out later.
-fn unnoticed<T>(port: &PcPort, act: impl FnOnce() -> T) -> T {
+fn unnoticed<T>(port: &PtyPort, act: impl FnOnce() -> T) -> T {
     let _unattended = port.unattended();
     act()
 }
@@ -184,7 +184,7 @@ fn unnoticed<T>(port: &PcPort, act: impl FnOnce() -> T) -> T {
 ///
 /// The wait is needed because another test may be starting a process, which has a copy of the descriptor until it runs
 /// its program.
-fn close(port: &PcPort, client: Client) {
+fn close(port: &PtyPort, client: Client) {
     let notices = inotify::init(CreateFlags::CLOEXEC).unwrap();
     inotify::add_watch(&notices, port.path(), WatchFlags::CLOSE).unwrap();
     drop(client);
@@ -193,11 +193,11 @@ fn close(port: &PcPort, client: Client) {
 
 /// What a client writes at the rig's speed.
 fn data(bytes: &[u8]) -> PortEvent {
-    PortEvent::Data { bytes: bytes.to_vec(), baud: RIG_BAUD }
+    PortEvent::Data { bytes: bytes.to_vec(), coding: LineCoding::at(RIG_BAUD) }
 }
 
 /// Runs `script` as a user who is not root, with the port's path as `$0`. None if this is not root's to do.
-fn as_nobody(port: &PcPort, script: &str) -> Option<bool> {
+fn as_nobody(port: &PtyPort, script: &str) -> Option<bool> {
     if !geteuid().is_root() {
         return None;
     }
@@ -216,7 +216,7 @@ async fn fresh_port_has_the_rigs_settings_and_is_the_users_alone() {
     assert!(device.file_type().is_char_device());
     assert_eq!((device.mode() & 0o777, device.uid()), (0o600, geteuid().as_raw()));
     assert_eq!(files::read_link(bench.port.link()).unwrap(), bench.port.path());
-    assert_eq!(bench.port.settings().unwrap(), LineSettings { baud: RIG_BAUD, ixon: false });
+    assert_eq!(bench.port.settings().unwrap(), LineSettings { coding: LineCoding::at(RIG_BAUD), ixon: false });
 
     let termios = termios::tcgetattr(&Client::open(bench.port.path()).0).unwrap();
     assert_eq!(termios.control_modes & (ControlModes::CSIZE | ControlModes::CSTOPB), ControlModes::CS8);
@@ -241,7 +241,7 @@ async fn serial_crate_talks_through_the_link() {
     let path = bench.port.link().to_str().unwrap();
     let mut client = tokio_serial::new(path, 250_000).open_native_async().unwrap();
     assert_eq!(bench.event().await, PortEvent::Opened);
-    assert_eq!(bench.port.settings().unwrap(), LineSettings { baud: 250_000, ixon: false });
+    assert_eq!(bench.port.settings().unwrap(), LineSettings { coding: LineCoding::at(250_000), ixon: false });
     client.write_all(b"M114\n").await.unwrap();
     assert_eq!(bench.data_until_flush_or(5).await, b"M114\n");
     bench.reply(b"ok\n");
@@ -280,10 +280,10 @@ async fn settings_follow_the_client_at_any_speed() {
     let client = bench.client().await;
     for baud in [9_600, 250_000, 123_457, 3_000_000] {
         client.set(|termios| termios.set_speed(baud).unwrap());
-        assert_eq!(bench.port.settings().unwrap(), LineSettings { baud, ixon: false });
+        assert_eq!(bench.port.settings().unwrap(), LineSettings { coding: LineCoding::at(baud), ixon: false });
     }
     client.set_ixon();
-    assert_eq!(bench.port.settings().unwrap(), LineSettings { baud: 3_000_000, ixon: true });
+    assert_eq!(bench.port.settings().unwrap(), LineSettings { coding: LineCoding::at(3_000_000), ixon: true });
     assert_eq!(within(bench.port.event(0, None)).await.unwrap(), PortEvent::Set);
     assert!(bench.is_quiet(4096));
 }
@@ -292,12 +292,12 @@ async fn settings_follow_the_client_at_any_speed() {
 async fn odd_rig_speed_is_kept_and_no_speed_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let place = || LinkPath::Chosen(folder.path().join("pc"));
-    let port = PcPort::open(place(), 83_333).unwrap();
-    assert_eq!(port.settings().unwrap().baud, 83_333);
+    let port = PtyPort::open(place(), 83_333).unwrap();
+    assert_eq!(port.settings().unwrap().coding.baud, 83_333);
     drop(port);
-    let error = PcPort::open(place(), 0).unwrap_err().to_string();
+    let error = PtyPort::open(place(), 0).unwrap_err().to_string();
     assert_eq!(error, "cannot run the port at 0 baud: a speed from 1 to 4294967295 was expected");
-    assert!(PcPort::open(place(), u32::MAX).is_ok());
+    assert!(PtyPort::open(place(), u32::MAX).is_ok());
 }
 
 #[tokio::test]
@@ -504,7 +504,7 @@ async fn next_client_that_comes_at_once_gets_through() {
         assert_eq!(bench.event().await, expected);
     }
     assert_eq!(bench.data(6).await, b"onetwo");
-    assert_eq!(bench.port.settings().unwrap().baud, 19_200, "the reset spares whoever is there");
+    assert_eq!(bench.port.settings().unwrap().coding.baud, 19_200, "the reset spares whoever is there");
     bench.reply(b"ok");
     assert_eq!(second.read(2), b"ok");
 }
@@ -563,10 +563,10 @@ async fn settings_outlive_the_client() {
     client.write(b"slow").unwrap();
     unnoticed(&bench.port, || close(&bench.port, client));
     assert_eq!(bench.event().await, PortEvent::Closed);
-    assert_eq!(bench.port.settings().unwrap(), LineSettings { baud: 1_200, ixon: true });
-    let slow = PortEvent::Data { bytes: b"slow".to_vec(), baud: 1_200 };
+    assert_eq!(bench.port.settings().unwrap(), LineSettings { coding: LineCoding::at(1_200), ixon: true });
+    let slow = PortEvent::Data { bytes: b"slow".to_vec(), coding: LineCoding::at(1_200) };
     assert_eq!(bench.event().await, slow);
-    assert_eq!(bench.port.settings().unwrap(), LineSettings { baud: 1_200, ixon: true });
+    assert_eq!(bench.port.settings().unwrap(), LineSettings { coding: LineCoding::at(1_200), ixon: true });
     let next = termios::tcgetattr(&bench.client().await.0).unwrap();
     assert!(next.local_modes.contains(LocalModes::ECHO | LocalModes::ICANON));
 }
@@ -699,7 +699,7 @@ async fn dropped_port_hangs_up_and_takes_its_link_along() {
 #[tokio::test]
 async fn chosen_link_must_be_free_and_in_a_folder() {
     let folder = tempfile::tempdir().unwrap();
-    let at = |path: PathBuf| PcPort::open(LinkPath::Chosen(path), RIG_BAUD).unwrap_err().to_string();
+    let at = |path: PathBuf| PtyPort::open(LinkPath::Chosen(path), RIG_BAUD).unwrap_err().to_string();
     let taken = folder.path().join("taken");
     symlink("/nowhere", &taken).unwrap();
     assert_eq!(

@@ -12,6 +12,7 @@ use torno_protocol::time::Span;
 use torno_protocol::uart::{BITS_PER_CHARACTER, Receiver, ReceiverKind};
 
 use super::{before, place};
+use crate::port::Transport;
 use crate::text_file::TextError;
 use torno_bus::{Dialect, Names, PcUart};
 use torno_engine::NodeId;
@@ -61,6 +62,8 @@ pub struct Gateway {
     pub clock: Clock,
     /// What the first program that opens the port does to the board. Default: nothing.
     pub open: Opening,
+    /// By what programs outside reach it. Default: a pty.
+    pub transport: Transport,
 }
 
 /// What opening a port does to the board behind it.
@@ -156,6 +159,8 @@ struct RawPc {
     clock_ppm: Spanned<f64>,
     #[serde(default)]
     open: Opening,
+    #[serde(default)]
+    transport: Transport,
 }
 
 #[derive(Deserialize)]
@@ -172,12 +177,14 @@ struct RawGateway {
     clock_ppm: Spanned<f64>,
     #[serde(default)]
     open: Opening,
+    #[serde(default)]
+    transport: Transport,
 }
 
 impl From<RawPc> for RawGateway {
-    fn from(RawPc { port, baud, tx_fifo, clock_ppm, open }: RawPc) -> Self {
+    fn from(RawPc { port, baud, tx_fifo, clock_ppm, open, transport }: RawPc) -> Self {
         let name = Spanned::new(port.span(), GATEWAY.to_owned());
-        Self { name, port, dialect: None, baud, tx_fifo, clock_ppm, open }
+        Self { name, port, dialect: None, baud, tx_fifo, clock_ppm, open, transport }
     }
 }
 
@@ -354,6 +361,7 @@ impl RigFile {
                 tx_fifo: in_range("tx_fifo", &raw.tx_fifo, 1..=64)?,
                 clock: check_clock(&raw.clock_ppm)?,
                 open: raw.open,
+                transport: raw.transport,
             });
         }
         let mut gateways = gateways.into_iter();

@@ -20,16 +20,16 @@ async fn bytes_are_of_the_speed_at_which_they_were_written() {
     let mut bench = Bench::new();
     let client = bench.client().await;
     let speed = |baud| client.set(|termios| termios.set_speed(baud).unwrap());
-    let written = |bytes: &[u8], baud| PortEvent::Data { bytes: bytes.to_vec(), baud };
+    let written = |bytes: &[u8], baud| PortEvent::Data { bytes: bytes.to_vec(), coding: LineCoding::at(baud) };
     for round in 0..200_u32 {
         let (old, new) = (9_600 + round, 19_200 + round);
         speed(old);
-        eventually(|| bench.port.unattended().pty.line().baud == old).await;
+        eventually(|| bench.port.unattended().pty.line().coding.baud == old).await;
         client.write(b"old").unwrap();
         // Returns at once, here.
         termios::tcdrain(&client.0).unwrap();
         speed(new);
-        eventually(|| bench.port.unattended().pty.line().baud == new).await;
+        eventually(|| bench.port.unattended().pty.line().coding.baud == new).await;
         client.write(b"new!").unwrap();
         assert_eq!(all_that_follows(&mut bench, b'!').await, [written(b"old", old), written(b"new!", new)], "{round}");
     }
@@ -56,7 +56,7 @@ async fn all_that_waits_is_of_the_old_speed_even_if_the_port_is_late() {
 async fn all_data(bench: &mut Bench, length: usize) -> Vec<(u32, usize)> {
     let mut all: Vec<(u32, usize)> = Vec::new();
     while all.iter().map(|(_, length)| length).sum::<usize>() < length {
-        let PortEvent::Data { bytes, baud } = bench.event().await else { panic!("no data") };
+        let PortEvent::Data { bytes, coding: LineCoding { baud, .. } } = bench.event().await else { panic!("no data") };
         match all.last_mut() {
             Some((last, length)) if *last == baud => *length += bytes.len(),
             _ => all.push((baud, bytes.len())),
