@@ -31,6 +31,7 @@ mod imports;
 mod interrupt;
 mod log;
 mod machine;
+mod own_slave;
 mod part;
 mod pc_port;
 mod pins;

@@ -624,17 +624,25 @@ fn picocom_talks_to_the_port() {
 
 /// Runs a script with pyserial, with the port as its argument; false if it is not installed.
 pub(crate) fn pyserial(up: &Up, script: &str) -> bool {
+    let Some(python) = python_with_serial() else { return false };
+    let port = up.ready["ports"]["pc"]["port"].as_str().unwrap();
+    let output = Command::new(python).arg("-c").arg(script).arg(port).output().unwrap();
+    assert!(output.status.success(), "{}\n{}", String::from_utf8_lossy(&output.stderr), up.log());
+    true
+}
+
+/// A Python that has pyserial; none if there is none, which is said.
+pub(crate) fn python_with_serial() -> Option<&'static str> {
     // A Python of one's own may hide the one that Debian's package belongs to.
     let has_serial = |python: &&str| {
         let check = Command::new(python).args(["-c", "import serial"]).output();
         check.is_ok_and(|output| output.status.success())
     };
     let python = ["python3", "/usr/bin/python3"].into_iter().find(has_serial);
-    let Some(python) = python else { return is_installed("pyserial", &mut Command::new("false")) };
-    let port = up.ready["ports"]["pc"]["port"].as_str().unwrap();
-    let output = Command::new(python).arg("-c").arg(script).arg(port).output().unwrap();
-    assert!(output.status.success(), "{}\n{}", String::from_utf8_lossy(&output.stderr), up.log());
-    true
+    if python.is_none() {
+        is_installed("pyserial", &mut Command::new("false"));
+    }
+    python
 }
 
 #[test]

@@ -18,7 +18,7 @@ use torno::session::INTERRUPTED as ENDED;
 use tracing::Instrument;
 
 use super::options::{Eeprom, Placement, keepers, write_kept};
-use super::ways::{Ways, attach, paths};
+use super::ways::{Open, Ports, Ways, attach, paths};
 use super::{FAILED, INTERRUPTED, Interrupt, load_rig, print, rig_span, start_recording, wait_for_boards};
 
 #[derive(Debug, clap::Args)]
@@ -61,6 +61,11 @@ struct Ready<'a> {
     rig: &'a str,
     pace: serde_json::Value,
     ports: BTreeMap<&'a str, Port<'a>>,
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    taps: BTreeMap<&'a str, Port<'a>>,
+    /// The boards that are left out.
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    open: &'a [String],
     control: &'a Path,
     pid: u32,
     boards: BTreeMap<&'a str, Board>,
@@ -93,6 +98,8 @@ impl Arguments {
     async fn up(self, file: RigFile, kept_files: Vec<KeptFile>) -> anyhow::Result<ExitCode> {
         // Before anything is announced, so that whoever reads the announcement may end the rig.
         let mut interrupt = Interrupt::listen()?;
+        let open = self.ways.open_places(file, self.pace)?;
+        let file = &open.file;
         let names = file.names();
         let FaultFile { seed, drawn, faults } =
             self.faults.as_deref().map_or(Ok(FaultFile::default()), |path| fault::load(path, &names, None))?;
@@ -100,22 +107,24 @@ impl Arguments {
             tracing::info!("seed {}", seed_text(seed, &drawn));
         }
         let others = self.placement.or_processes()?;
-        let waited = wait_for_boards(&file, &self.awaited, others, self.json, &mut interrupt).await?;
+        let waited = wait_for_boards(file, &self.awaited, others, self.json, &mut interrupt).await?;
         let Some((driver, _)) = waited else { return Ok(ExitCode::SUCCESS) };
-        let (ports, beside) = self.ways.open(&file)?;
-        let socket = self.control.unwrap_or(beside);
+        let Ports { gateways, taps, control } = self.ways.ports(&open)?;
+        let socket = self.control.unwrap_or(control);
         let control = Control::open(&socket)?;
         let socket = control.path().to_owned();
         let header = file.header(self.rig.as_deref().unwrap_or(DEFAULT), 0, None);
         let recorder = self.record.as_deref().map(|path| start_recording(path, &header)).transpose()?;
-        let mut live = Live::start(&file, &driver, self.pace, ports).await?;
+        let mut live = Live::start(file, &driver, self.pace, gateways).await?;
+        live.tap(taps);
+        live.wait_for(open.gateways());
         if let Some(recorder) = recorder {
             live.record(recorder);
         }
         live.plan(&faults);
         live.ask_at_the_end(keepers(&kept_files));
         live.steer(control, header, names);
-        print(&announcement(&file, &live, &socket, self.pace, self.json)?)?;
+        print(&announcement(&open, &live, &socket, self.pace, self.json)?)?;
         tokio::select! {
             ended = live.run() => match ended? {},
             () = interrupt.received() => {}
@@ -150,11 +159,13 @@ fn farewell(left: &Left, json: bool) -> String {
     format!("{incidents}{:<9}{virtual_s:.3} s virtual\n{:<9}{ENDED}\n", "time", "outcome")
 }
 
-fn announcement(file: &RigFile, live: &Live, control: &Path, pace: Pace, json: bool) -> anyhow::Result<String> {
+fn announcement(open: &Open, live: &Live, control: &Path, pace: Pace, json: bool) -> anyhow::Result<String> {
+    let file = &open.file;
     let known = live.rig().nodes().iter().zip(&file.layout.boards).filter(|(_, board)| !board.is_gateway());
     let boards =
         known.map(|(node, _)| node).map(|node| (node.name.as_str(), node.pid.unwrap_or_else(std::process::id)));
     let gateways = || file.gateways().zip(live.ports());
+    let speed = |line: &str| file.layout.line(line).map_or(0, |line| file.layout.lines[line].baud);
     if json {
         let port = |port, baud| {
             let (path, device) = paths(port);
@@ -167,6 +178,8 @@ fn announcement(file: &RigFile, live: &Live, control: &Path, pace: Pace, json: b
                 Pace::Times(_) => serde_json::from_str(&pace.to_string())?,
                 Pace::Max => "max".into(),
             },
+            taps: live.taps().map(|(line, at)| (line, port(at, speed(line)))).collect(),
+            open: &open.boards,
             ports: gateways().map(|(gateway, at)| (gateway.name.as_str(), port(at, gateway.baud))).collect(),
             control,
             pid: std::process::id(),
@@ -178,13 +191,21 @@ fn announcement(file: &RigFile, live: &Live, control: &Path, pace: Pace, json: b
     let mut ports = String::new();
     for (n, (gateway, port)) in gateways().enumerate() {
         let (baud, url) = (gateway.baud, port.url());
-        let what = if n == 0 { "PC".to_owned() } else { gateway.name.clone() };
-        let what = format!("{what} port");
+        let is_open = open.is_place(&gateway.name);
+        let what = if n == 0 { "PC port".to_owned() } else { format!("{} port", gateway.name) };
         ports += &format!("{what:<9} {url}  ({baud} baud, 8N1)\n");
         ports += &format!("attach    {}\n", attach(port, baud));
-        if let Some(player) = gateway.dialect.player_at_port().filter(|_| port.pty().is_some()) {
+        if let Some(player) = gateway.dialect.player_at_port().filter(|_| !is_open && port.pty().is_some()) {
             ports += &format!("or        {player} PROGRAM --port {url}\n");
         }
+        if is_open {
+            ports += &format!("waits     for a program in the place of '{}'; then time begins\n", gateway.name);
+        }
+    }
+    for (line, port) in live.taps() {
+        let baud = speed(line);
+        ports += &format!("tap       {line} at {}  ({baud} baud, 8N1)\n", port.url());
+        ports += &format!("attach    {}\n", attach(port, baud));
     }
     let usual = control == torno::port::default_folder().join(format!("{DEFAULT}-control"));
     let ctl = if usual { "torno ctl".to_owned() } else { format!("torno ctl --socket {}", control.display()) };

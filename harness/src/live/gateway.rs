@@ -37,6 +37,8 @@ pub(super) struct Gateway {
     baud: u32,
     /// Bytes that the client has written and that are not yet on the line.
     queued: usize,
+    /// Whether a client has ever opened the port.
+    pub(super) was_opened: bool,
     /// Whether the client that has the port open has written.
     began: bool,
     /// The UART has been stopped by `XOFF`.
@@ -63,6 +65,7 @@ impl Gateway {
             settings,
             baud,
             queued: 0,
+            was_opened: false,
             began: false,
             held: false,
             supply,
@@ -186,6 +189,7 @@ impl Gateway {
             }
             PortEvent::Opened => {
                 tracing::info!("the {} port has been opened", self.name);
+                self.was_opened = true;
                 if !self.port.tells_dtr() {
                     self.restart(at, session);
                 }

@@ -2,6 +2,7 @@
 
 mod gateway;
 mod steering;
+mod tap;
 
 use std::future::{Future, poll_fn};
 use std::io;
@@ -21,7 +22,8 @@ use crate::rig::{Driver, Incident, Rig};
 use crate::session::{Happened, INTERRUPTED, Session, SessionError};
 use gateway::Gateway;
 use steering::{Steering, next_call};
-use torno_engine::{Limit, NodeId};
+use tap::Taps;
+use torno_engine::{Limit, LineId, NodeId};
 
 /// Boards that nothing reaches are brought up to date this often, so that none has long to catch up when something
 /// does.
@@ -40,6 +42,9 @@ const LEAP: Span = Span::from_secs(100);
 pub struct Live {
     session: Session,
     gateways: Vec<Gateway>,
+    taps: Taps,
+    /// The gateways at which a program must have been before time begins.
+    absent: Vec<usize>,
     brake: Brake,
     /// How far time has gone.
     reached: Instant,
@@ -78,6 +83,8 @@ impl Live {
         let places = file.gateways().zip(ports).enumerate();
         Ok(Self {
             gateways: places.map(|(n, (gateway, port))| Gateway::new(n, first + n, gateway, port)).collect(),
+            taps: Taps::new(session.rig().layout(), Vec::new()),
+            absent: Vec::new(),
             session,
             brake: Brake::new(pace)?,
             reached: Instant::START,
@@ -98,6 +105,31 @@ impl Live {
     pub fn ask_at_the_end(&mut self, boards: Vec<NodeId>) {
         self.asks_at_the_end = !boards.is_empty();
         self.session.ask_at_the_end(boards);
+    }
+
+    /// Lets time begin when a program has opened each of these gateways, by their places in the rig file. For a rig
+    /// that does not run yet.
+    pub fn wait_for(&mut self, gateways: Vec<usize>) {
+        if !gateways.is_empty() {
+            self.absent = gateways;
+            self.brake.pause(self.reached);
+        }
+    }
+
+    /// Time begins if all are there that it waits for.
+    fn begin(&mut self) {
+        if !self.absent.is_empty() {
+            let gateways = &self.gateways;
+            self.absent.retain(|place| gateways.get(*place).is_some_and(|gateway| !gateway.was_opened));
+            if self.absent.is_empty() {
+                self.brake.resume(self.reached);
+            }
+        }
+    }
+
+    /// Passes on what is on these lines, from the start. For a rig that does not run yet.
+    pub fn tap(&mut self, taps: Vec<(LineId, PcPort)>) {
+        self.taps = Taps::new(self.session.rig().layout(), taps);
     }
 
     /// Ends it, and the recording, if there is one: every board is brought to one instant, so that what is recorded is
@@ -126,12 +158,18 @@ impl Live {
         self.gateways.iter().map(|gateway| &gateway.port)
     }
 
+    /// The taps: the names of their lines, and their ports.
+    pub fn taps(&self) -> impl Iterator<Item = (&str, &PcPort)> {
+        self.taps.ports()
+    }
+
     /// Runs until something breaks.
     ///
     /// # Errors
     /// [`SessionError`]: this is the only way in which it ends by itself.
     pub async fn run(&mut self) -> Result<std::convert::Infallible, SessionError> {
         loop {
+            self.begin();
             let allowed = self.brake.limit();
             let limit = self.slice(allowed).earlier(self.session.faults().0.next());
             // At full speed there is no limit where nothing happens: time stands still.
@@ -214,6 +252,7 @@ impl Live {
                 let now = self.brake.now().unwrap_or(self.now());
                 self.gateways[place].take(event?, now, &mut self.session)?;
             }
+            event = self.taps.event() => event?,
             call = next_call(&mut self.steering) => self.put_off(call),
         }
         Ok(())
@@ -241,6 +280,7 @@ impl Live {
         let now = self.now();
         let wall = self.brake.now().unwrap_or(now);
         let mut took = false;
+        self.taps.attend()?;
         for gateway in &mut self.gateways {
             while let Some(event) = gateway.try_event()? {
                 let at = if gateway.is_sending() { now } else { wall };
@@ -299,6 +339,7 @@ impl Live {
     /// Time has come to where it was to stand still, or to go on from.
     fn arrive(&mut self) {
         let now = self.now();
+        self.taps.deliver(now);
         if let Some(steering) = &mut self.steering {
             steering.arrive(now);
         }
@@ -311,6 +352,7 @@ impl Live {
         if let Some(steering) = &mut self.steering {
             steering.note(&happened.inputs, &happened.facts);
         }
+        self.taps.note(happened);
         let session = &mut self.session;
         self.gateways.iter_mut().try_for_each(|gateway| gateway.deliver(happened, now, session))
     }

@@ -4,6 +4,7 @@ mod before;
 mod cost;
 pub mod file;
 pub mod join;
+pub mod open;
 pub mod place;
 mod process;
 #[cfg(test)]

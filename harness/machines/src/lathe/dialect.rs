@@ -121,7 +121,17 @@ impl Lines {
     /// Reads a rig's lines from the start.
     fn new(layout: &Layout) -> Self {
         let kind = |board: usize| layout.boards[board].kind.as_str();
+        // The slave that belongs at this port of a master, whoever is there.
+        let place = |(board, port): (usize, u8)| {
+            let ports = &layout.boards[board].description.ports;
+            let port = ports.get(usize::from(port)).filter(|_| kind(board) == "master");
+            port.and_then(|name| slave(name))
+        };
         let role = |line: &LineLayout| match (kind(line.from.0), kind(line.to.0)) {
+            (GATEWAY, "master") if place(line.to).is_some() => place(line.to).map_or(Role::Unknown, Role::Answers),
+            ("master", GATEWAY) if place(line.from).is_some() => {
+                place(line.from).map_or(Role::Unknown, Role::SubFrames)
+            }
             // A controller takes the PC's place.
             (GATEWAY | "grbl", _) => Role::Frames,
             (_, GATEWAY | "grbl") => Role::Replies,

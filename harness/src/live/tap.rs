@@ -1,0 +1,89 @@
+//! Taps: ports at which a program outside hears what is on a line of the rig.
+
+use std::future::{Future, poll_fn};
+use std::io;
+use std::task::Poll;
+
+use torno_bus::Ears;
+use torno_engine::LineId;
+use torno_protocol::layout::Layout;
+use torno_protocol::time::Instant;
+
+use crate::port::{PcPort, PortEvent};
+use crate::session::Happened;
+
+/// The taps of a rig.
+pub(super) struct Taps {
+    ears: Ears,
+    /// The line that is heard, its name, and where it is heard.
+    taps: Vec<(LineId, String, PcPort)>,
+}
+
+impl Taps {
+    /// Taps at these lines.
+    pub(super) fn new(layout: &Layout, taps: Vec<(LineId, PcPort)>) -> Self {
+        let name = |line: LineId| layout.lines[line].name.clone();
+        let taps = taps.into_iter().map(|(line, port)| (line, name(line), port)).collect();
+        Self { ears: Ears::new(layout), taps }
+    }
+
+    /// The ports, with the names of their lines.
+    pub(super) fn ports(&self) -> impl Iterator<Item = (&str, &PcPort)> {
+        self.taps.iter().map(|(_, name, port)| (name.as_str(), port))
+    }
+
+    /// Takes note of what has happened.
+    pub(super) fn note(&mut self, happened: &Happened) {
+        if !self.taps.is_empty() {
+            self.ears.note(&happened.inputs, &happened.facts);
+            self.deliver(happened.settled);
+        }
+    }
+
+    /// Passes on what has been heard before `until`. Everything before that has happened.
+    pub(super) fn deliver(&mut self, until: Instant) {
+        if self.taps.is_empty() {
+            return;
+        }
+        let heard = self.ears.hear(until);
+        for (line, name, port) in &mut self.taps {
+            let bytes: Vec<u8> =
+                heard.iter().filter(|heard| heard.line == *line).map(|heard| heard.character.byte).collect();
+            let lost = if bytes.is_empty() { 0 } else { port.write(&bytes) };
+            if lost > 0 {
+                tracing::warn!("the program at the tap of {name} does not read: {lost} bytes are lost");
+            }
+        }
+    }
+
+    /// Lets clients in and out; what they write goes nowhere.
+    pub(super) fn attend(&mut self) -> io::Result<()> {
+        for (_, name, port) in &mut self.taps {
+            while let Some(event) = port.try_event(usize::MAX, None)? {
+                tell(name, &event);
+            }
+        }
+        Ok(())
+    }
+
+    /// Waits for a client to come or to go. Cancel-safe.
+    pub(super) async fn event(&mut self) -> io::Result<()> {
+        let mut events: Vec<_> =
+            self.taps.iter_mut().map(|(_, name, port)| (name, Box::pin(port.event(usize::MAX, None)))).collect();
+        poll_fn(|context| {
+            for (name, event) in &mut events {
+                if let Poll::Ready(event) = event.as_mut().poll(context) {
+                    return Poll::Ready(event.map(|event| tell(name, &event)));
+                }
+            }
+            Poll::Pending
+        })
+        .await
+    }
+}
+
+fn tell(line: &str, event: &PortEvent) {
+    if *event == PortEvent::Opened {
+        tracing::info!("a program listens to {line}");
+    }
+}
