@@ -1,13 +1,15 @@
 #!/usr/bin/env bash
-# Published G-code senders, headless, at the port of the rig with the GRBL controller: each runs a job to its end.
+# Published G-code senders, headless, at the port of the rig with the GRBL controller: each runs a job to its end, by a
+# pty, by TCP, and by RFC 2217 if it can. One that opens paths only gets a path that leads to TCP.
 # Usage: tests/senders.sh TORNO. PYTHONPATH and NODE_PATH say where the senders are; one that is not there is skipped.
 set -euo pipefail
 torno=$(realpath "$1")
 here=$(realpath "$(dirname "$0")")/senders
 folder=$(mktemp -d)
-rig=
+rig= bridge=
 cleanup() {
   [ -z "$rig" ] || kill -INT "$rig" 2>/dev/null || true
+  [ -z "$bridge" ] || kill "$bridge" 2>/dev/null || true
   wait
   rm -rf "$folder"
 }
@@ -19,31 +21,67 @@ fail() {
   exit 1
 }
 
+# By what a sender reaches the rig: `pty`, `tcp` or `rfc2217`.
+run() {
+  local way=$1 port=$folder/pc transport=(--link "$folder/pc")
+  [ "$way" = pty ] || transport=(--transport "$way://127.0.0.1:0")
+  # pyserial flushes 0.25 s after it has raised DTR: the banner must not come before that at this pace, either.
+  [ "$way" != rfc2217 ] || transport+=(--set grbl.boot_ms=3000)
+  mkfifo "$folder/ready"
+  "$torno" up lathe-grbl --json "${transport[@]}" --control "$folder/control" --pace 10 >"$folder/ready" 2>"$folder/log" &
+  rig=$!
+  local ready
+  read -r ready <"$folder/ready"
+  if [ "$way" != pty ]; then
+    port=$(sed 's,.*"port":"\([^"/]*://[^"]*\)".*,\1,' <<<"$ready")
+    if ! opens_urls; then
+      socat "pty,link=$folder/pc,rawer,waitslave" "tcp:${port#socket://},nodelay" &
+      bridge=$!
+      port=$folder/pc
+      until [ -e "$port" ]; do sleep 0.1; done
+    fi
+  fi
+  local command=(timeout 120 "$program" "$script" "$port" "$here/shoulder.nc")
+  (cd "$folder" && HOME=$folder "${command[@]}") >"$folder/said" 2>&1 || fail "$sender did not run the job as it should by $way"
+  # The sender has told where the machine stands; this is where it does.
+  "$torno" ctl --socket "$folder/control" state >"$folder/state"
+  for place in 'transverse .* position_counts 450,' 'depth .* position_counts 2,'; do
+    grep -q "^$place" "$folder/state" || { cat "$folder/state"; fail "$sender by $way: expected '$place'"; }
+  done
+  kill -INT "$rig"
+  wait "$rig" || true
+  [ -z "$bridge" ] || { kill "$bridge" 2>/dev/null || true; wait "$bridge" || true; }
+  rig= bridge=
+  rm -rf "${folder:?}"/*
+  echo "passed: $sender by $way"
+}
+
+opens_urls() { grep -q serial_for_url "$script"; }
+
 for script in "$here"/by_*; do
   sender=$(basename "${script%.*}")
   sender=${sender#by_}
   case $script in
-    *.py) program=python3 there=(python3 -c "import importlib.util as i; exit(not i.find_spec('$sender'))") ;;
+    *.py)
+      needs=$(sed -n 's/^# Needs: //p' "$script")
+      program=python3
+      there=(python3 -c "import importlib.util as i, sys; exit(not all(map(i.find_spec, sys.argv[1:])))" "$sender")
+      # shellcheck disable=SC2206
+      there+=($needs)
+      ;;
     *.js) program=node there=(node -e "require.resolve('$sender/package.json')") ;;
   esac
   if ! "${there[@]}" 2>/dev/null; then
     echo "skipped: $sender is not installed"
     continue
   fi
-  mkfifo "$folder/ready"
-  "$torno" up lathe-grbl --json --link "$folder/pc" --pace 10 >"$folder/ready" 2>"$folder/log" &
-  rig=$!
-  read -r _ <"$folder/ready"
-  run=(timeout 120 "$program" "$script" "$folder/pc" "$here/shoulder.nc")
-  (cd "$folder" && HOME=$folder "${run[@]}") >"$folder/said" 2>&1 || fail "$sender did not run the job as it should"
-  # The sender has told where the machine stands; this is where it does.
-  "$torno" ctl --socket "$folder/pc-control" state >"$folder/state"
-  for place in 'transverse .* position_counts 450,' 'depth .* position_counts 2,'; do
-    grep -q "^$place" "$folder/state" || { cat "$folder/state"; fail "$sender: expected '$place'"; }
-  done
-  kill -INT "$rig"
-  wait "$rig" || true
-  rig=
-  rm -f "$folder/ready" "$folder/log"
-  echo "passed: $sender"
+  run pty
+  if opens_urls; then
+    run tcp
+    run rfc2217
+  elif command -v socat >/dev/null; then
+    run tcp
+  else
+    echo "skipped: $sender by TCP, as socat is not installed"
+  fi
 done

@@ -6,7 +6,7 @@ import serial
 from grbl_link.grbl_link import Grbl
 
 port, job = sys.argv[1:]
-sender = Grbl(serial.Serial(port, 115200, timeout=1))
+sender = Grbl(serial.serial_for_url(port, 115200, timeout=1))
 deadline = time.monotonic() + 60
 
 
