@@ -66,46 +66,92 @@ impl Courses {
     }
 }
 
-/// The motors of one board, in the order in which their speeds and positions come.
-fn motions(board: &str, description: &Description, courses: &[Course]) -> Vec<Motion> {
-    let mut found: Vec<(u8, Role)> = Vec::new();
-    for signal in &description.signals {
-        let (Some(motor), Role::Speed | Role::Position) = (signal.motor, signal.role) else { continue };
-        // An axis's speed is shown beside its position.
-        let of_axis = signal.role == Role::Speed && description.signal(motor, Role::Position, None).is_some();
-        if !of_axis && !found.contains(&(motor, signal.role)) {
-            found.push((motor, signal.role));
-        }
-    }
-    found.into_iter().filter_map(|(motor, role)| motion(board, description, courses, motor, role)).collect()
+/// Which of a board's quantities belong to a motion of one of its motors, by their places in the description.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Places {
+    /// The motor.
+    pub motor: u8,
+    /// `speed` or `position`.
+    pub what: &'static str,
+    /// How it goes.
+    pub got: usize,
+    /// The set point, if one is told.
+    pub asked: Option<usize>,
+    /// What remains to go, if that is told and the set point is not.
+    pub rest: Option<usize>,
+    /// The drive.
+    pub drive: Option<usize>,
+    /// How fast an axis moves.
+    pub speed: Option<usize>,
+    /// How far the carriage is from where its board believes it to be.
+    pub offset: Option<usize>,
 }
 
-fn motion(board: &str, description: &Description, courses: &[Course], motor: u8, role: Role) -> Option<Motion> {
-    let find = |role: Role, unit: Option<&str>| courses.get(usize::from(description.signal(motor, role, unit)?));
-    let is_it = |signal: &&Signal| (signal.motor, signal.role) == (Some(motor), role);
-    let units: Vec<&str> = description.signals.iter().filter(is_it).map(|signal| signal.unit.as_str()).collect();
-    // Of a quantity in several units, the one that a set point is told in.
-    let is_asked = |unit: &&&str| find(Role::SetPoint, Some(unit)).is_some();
-    let unit = *units.iter().find(is_asked).or_else(|| units.first())?;
-    let got = find(role, Some(unit))?;
-    let (asked, error) = match (find(Role::SetPoint, Some(unit)), find(Role::Remaining, Some(unit))) {
+impl Places {
+    /// Those of one board, in the order in which the speeds and positions of its motors come.
+    pub fn of(description: &Description) -> Vec<Self> {
+        let mut found: Vec<(u8, Role)> = Vec::new();
+        for signal in &description.signals {
+            let (Some(motor), Role::Speed | Role::Position) = (signal.motor, signal.role) else { continue };
+            // An axis's speed is shown beside its position.
+            let of_axis = signal.role == Role::Speed && description.signal(motor, Role::Position, None).is_some();
+            if !of_axis && !found.contains(&(motor, signal.role)) {
+                found.push((motor, signal.role));
+            }
+        }
+        found.into_iter().filter_map(|(motor, role)| Self::of_motor(description, motor, role)).collect()
+    }
+
+    fn of_motor(description: &Description, motor: u8, role: Role) -> Option<Self> {
+        let find = |role: Role, unit: Option<&str>| description.signal(motor, role, unit).map(usize::from);
+        let is_it = |signal: &&Signal| (signal.motor, signal.role) == (Some(motor), role);
+        let units: Vec<&str> = description.signals.iter().filter(is_it).map(|signal| signal.unit.as_str()).collect();
+        // Of a quantity in several units, the one that a set point is told in.
+        let is_asked = |unit: &&&str| find(Role::SetPoint, Some(unit)).is_some();
+        let unit = *units.iter().find(is_asked).or_else(|| units.first())?;
+        let asked = find(Role::SetPoint, Some(unit));
+        Some(Self {
+            motor,
+            what: if role == Role::Speed { "speed" } else { "position" },
+            got: find(role, Some(unit))?,
+            asked,
+            rest: find(Role::Remaining, Some(unit)).filter(|_| asked.is_none()),
+            drive: find(Role::Drive, None),
+            speed: find(Role::Speed, None).filter(|_| role == Role::Position),
+            offset: find(Role::Offset, Some(unit)),
+        })
+    }
+
+    /// The board's name, and the motor's, if it has several.
+    pub fn name(&self, board: &str, description: &Description) -> String {
+        description.motor_name(self.motor).map_or_else(|| board.to_owned(), |motor| format!("{board} {motor}"))
+    }
+}
+
+/// The motors of one board, in the order in which their speeds and positions come.
+fn motions(board: &str, description: &Description, courses: &[Course]) -> Vec<Motion> {
+    Places::of(description).iter().filter_map(|places| motion(board, description, courses, places)).collect()
+}
+
+fn motion(board: &str, description: &Description, courses: &[Course], places: &Places) -> Option<Motion> {
+    let of = |place: Option<usize>| courses.get(place?);
+    let unit = |place: usize| description.signals[place].unit.clone();
+    let got = of(Some(places.got))?;
+    let (asked, error) = match (of(places.asked), of(places.rest)) {
         (Some(asked), _) => (Some(asked.clone()), Some(merged(asked, got, i64::saturating_sub))),
         (None, Some(rest)) => (Some(merged(got, rest, i64::saturating_add)), Some(rest.clone())),
         (None, None) => (None, None),
     };
-    let speed = description.signal(motor, Role::Speed, None).map(usize::from);
-    let speed = speed.and_then(|place| Some((description.signals[place].unit.clone(), courses.get(place)?.clone())));
-    let offset = find(Role::Offset, Some(unit)).filter(|course| course.iter().any(|(_, value)| *value != 0));
     Some(Motion {
-        name: description.motor_name(motor).map_or_else(|| board.to_owned(), |motor| format!("{board} {motor}")),
-        what: if role == Role::Speed { "speed" } else { "position" },
-        unit: unit.to_owned(),
+        name: places.name(board, description),
+        what: places.what,
+        unit: unit(places.got),
         got: got.clone(),
         asked,
         error,
-        drive: find(Role::Drive, None).cloned(),
-        speed: speed.filter(|_| role == Role::Position),
-        offset: offset.cloned(),
+        drive: of(places.drive).cloned(),
+        speed: places.speed.and_then(|place| Some((unit(place), of(Some(place))?.clone()))),
+        offset: of(places.offset).filter(|course| course.iter().any(|(_, value)| *value != 0)).cloned(),
     })
 }
 
