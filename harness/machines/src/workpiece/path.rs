@@ -1,6 +1,6 @@
-//! The way that the tool went: what the boards tell of their axes, kept until the part is to be cut.
+//! The way that the tool went: what the boards tell of their axes, and the bar as it is cut along it.
 
-use torno_part::{Happening, Profile, Turning};
+use torno_part::{Happening, Place, Profile, Turning};
 use torno_protocol::time::Instant;
 
 use super::{Follower, Part, Source};
@@ -10,8 +10,10 @@ use torno_engine::Fact;
 #[derive(Clone, Debug)]
 pub struct ToolPath {
     part: Part,
-    /// Of each of the part's [sources](sources), in order.
-    told: [Vec<Told>; 3],
+    /// What moves the tool along the bar and across it, and what turns the bar.
+    sums: [Sum; 3],
+    turning: Turning,
+    place: Place,
 }
 
 /// A quantity's new value.
@@ -32,22 +34,44 @@ pub struct Turned {
 }
 
 /// The sum of a source's quantities, and where the slide is that they count.
-struct Sum<'a> {
-    source: &'a Source,
+#[derive(Clone, Debug)]
+struct Sum {
+    source: Source,
     follower: Option<Follower>,
+    /// What has been told and not been cut yet.
+    told: Vec<Told>,
     values: Vec<i64>,
     sum: i64,
 }
 
-impl<'a> Sum<'a> {
+impl Sum {
     /// Quantities count from where the rig starts: they are 0 there.
-    fn new((source, follower): (&'a Source, Option<&Follower>)) -> Self {
-        Self { source, follower: follower.cloned(), values: vec![0; source.signals.len()], sum: 0 }
+    fn new(source: &Source, follower: Option<&Follower>) -> Self {
+        let values = vec![0; source.signals.len()];
+        Self { source: source.clone(), follower: follower.cloned(), told: Vec::new(), values, sum: 0 }
     }
 
-    /// What has been told of `at`.
-    fn put(&mut self, at: Instant, told: &[Told]) {
-        for Told { signal, value, .. } in told {
+    /// Takes note of a fact.
+    fn add(&mut self, fact: &Fact) {
+        let Fact::Telemetry { node, at, signal, value } = fact else { return };
+        let follows = || self.follower.as_ref().is_some_and(|it| it.drive == *signal);
+        if self.source.node == *node && (self.source.signals.contains(signal) || follows()) {
+            self.told.push(Told { at: *at, signal: *signal, value: *value });
+        }
+    }
+
+    /// When it next changes, as far as that is known. A slide that has been switched off coasts, and no board tells
+    /// where to.
+    fn next(&self) -> Option<Instant> {
+        let coasting = self.follower.as_ref().and_then(|follower| follower.slide.stands_at());
+        self.told.first().map(|told| told.at).into_iter().chain(coasting).min()
+    }
+
+    /// Goes on to `at`, which is not after the next change.
+    fn go_on(&mut self, at: Instant) {
+        let now = self.told.iter().take_while(|told| told.at == at).count();
+        let now: Vec<Told> = self.told.drain(..now).collect();
+        for Told { signal, value, .. } in &now {
             for (known, place) in self.source.signals.iter().zip(&mut self.values) {
                 if known == signal {
                     *place = *value;
@@ -57,8 +81,8 @@ impl<'a> Sum<'a> {
         self.sum = self.values.iter().fold(0, |sum, value| sum.saturating_add(*value));
         let Some(Follower { drive, slide }) = &mut self.follower else { return };
         slide.advance(at);
-        if !told.is_empty() {
-            told.iter().filter(|told| told.signal == *drive).for_each(|told| slide.drive(told.value));
+        if !now.is_empty() {
+            now.iter().filter(|told| told.signal == *drive).for_each(|told| slide.drive(told.value));
             slide.count(self.sum);
         }
     }
@@ -68,55 +92,52 @@ impl<'a> Sum<'a> {
     }
 }
 
-/// What moves the tool along the bar and across it, and what turns the bar.
-fn sources(part: &Part) -> [(&Source, Option<&Follower>); 3] {
-    let Part { z, x, spindle, .. } = part;
-    [(&z.way, z.follower.as_ref()), (&x.way, x.follower.as_ref()), (spindle, None)]
-}
-
 impl ToolPath {
     /// A tool that has not moved yet.
     pub fn new(part: &Part) -> Self {
-        Self { part: part.clone(), told: Default::default() }
+        let Part { z, x, spindle, .. } = part;
+        let place = part.place(0, 0);
+        Self {
+            sums: [
+                Sum::new(&z.way, z.follower.as_ref()),
+                Sum::new(&x.way, x.follower.as_ref()),
+                Sum::new(spindle, None),
+            ],
+            turning: Turning::new(part.bar(), part.nose, part.limits, part.resolution(), place),
+            place,
+            part: part.clone(),
+        }
     }
 
     /// Takes note of a fact.
     pub fn add(&mut self, fact: &Fact) {
-        let Fact::Telemetry { node, at, signal, value } = fact else { return };
-        for ((source, follower), told) in sources(&self.part).iter().zip(&mut self.told) {
-            let needed = source.signals.contains(signal) || follower.is_some_and(|it| it.drive == *signal);
-            if source.node == *node && needed {
-                told.push(Told { at: *at, signal: *signal, value: *value });
+        self.sums.iter_mut().for_each(|sum| sum.add(fact));
+    }
+
+    /// Cuts the bar along all that was gone before `until`, if every fact before that has been added. What different
+    /// boards tell is settled in no certain order; what one tells is in the order of time.
+    pub fn cut_before(&mut self, until: Instant) {
+        while let Some(at) = self.sums.iter().filter_map(Sum::next).min().filter(|at| *at < until) {
+            self.sums.iter_mut().for_each(|sum| sum.go_on(at));
+            let to = self.part.between(self.sums[0].counts(), self.sums[1].counts());
+            if to != self.place {
+                self.place = to;
+                self.turning.go(at.as_secs_f64(), to);
             }
+            self.turning.spin(self.part.spindle.per_count * self.sums[2].sum as f64);
         }
     }
 
-    /// Cuts the bar along it.
-    pub fn cut(self) -> Turned {
-        let Self { part, told } = self;
-        let mut sums = sources(&part).map(Sum::new);
-        let mut place = part.place(0, 0);
-        let mut turning = Turning::new(part.bar(), part.nose, part.limits, part.resolution(), place);
-        // What different boards tell is settled in no certain order; what one tells is in the order of time.
-        let mut told = told.each_ref().map(Vec::as_slice);
-        loop {
-            let next = told.iter().filter_map(|told| told.first()).map(|told| told.at);
-            // A slide that has been switched off coasts, and no board tells where to.
-            let coasting = sums.iter().filter_map(|sum| sum.follower.as_ref()?.slide.stands_at());
-            let Some(at) = next.chain(coasting).min() else { break };
-            for (sum, told) in sums.iter_mut().zip(&mut told) {
-                let (now, later) = told.split_at(told.iter().take_while(|told| told.at == at).count());
-                sum.put(at, now);
-                *told = later;
-            }
-            let to = part.between(sums[0].counts(), sums[1].counts());
-            if to != place {
-                place = to;
-                turning.go(at.as_secs_f64(), place);
-            }
-            turning.spin(part.spindle.per_count * sums[2].sum as f64);
-        }
-        let (profile, happenings) = turning.finish();
+    /// What has come of the bar so far.
+    pub fn turned(&self) -> Turned {
+        let (profile, happenings) = self.turning.clone().finish();
+        Turned { profile, happenings }
+    }
+
+    /// Cuts the bar along the whole way.
+    pub fn cut(mut self) -> Turned {
+        self.cut_before(Instant::NEVER);
+        let (profile, happenings) = self.turning.finish();
         Turned { profile, happenings }
     }
 }
