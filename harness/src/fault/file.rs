@@ -3,9 +3,9 @@
 use std::ops::Range;
 use std::path::Path;
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use toml::{Spanned, Value};
-use torno_protocol::board::Channel;
+use torno_protocol::board::{Capability, Channel};
 use torno_protocol::clock::Clock;
 use torno_protocol::line::Level;
 use torno_protocol::time::{Instant, Span};
@@ -71,6 +71,71 @@ fn fields_of(kind: &str) -> &'static [&'static str] {
         "slow" | "clock" | "drift" | "counts" | "load" | "supply" | "backlash" | "end-stop" | "push" | "slip"
         | "skip" | "shift" | "dead" => &["value"],
         _ => &[],
+    }
+}
+
+/// A kind of fault, as it is offered to somebody who chooses one.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct FaultKind {
+    /// Its name.
+    pub kind: &'static str,
+    /// Whether it is a line's; else a board's.
+    pub line: bool,
+    /// The fields that it has beyond those that all have, each with an example of its value.
+    pub fields: Vec<(&'static str, &'static str)>,
+    /// What a board or a motor must be capable of for it to mean anything.
+    pub needs: Option<Capability>,
+}
+
+/// The kinds of faults.
+pub fn fault_kinds() -> Vec<FaultKind> {
+    let known = |kind: &'static str, line: bool| {
+        let fields = fields_of(kind).iter().filter_map(|field| Some((*field, example(kind, field)?))).collect();
+        let mut fault = FaultKind { kind, line, fields, needs: None };
+        fault.needs = fault.raw("?").and_then(|raw| raw.fault().ok()?.needs());
+        fault
+    };
+    LINE_KINDS.iter().map(|kind| known(kind, true)).chain(BOARD_KINDS.iter().map(|kind| known(kind, false))).collect()
+}
+
+/// An example of the value of a field of a kind of fault; none, where another field says the same.
+fn example(kind: &str, field: &str) -> Option<&'static str> {
+    Some(match (kind, field) {
+        ("short", "with") => "",
+        ("noise", "period") => "10 ms",
+        ("noise", "width") => "50 us",
+        ("flip", "value") => "5",
+        ("delay", "edge") => "1",
+        ("delay", "value") => "60 us",
+        (_, "nth") => "1",
+        ("slow", _) => "5 ms",
+        ("clock", _) => "2 %",
+        ("drift", _) => "0.1 %",
+        ("counts", _) => "20",
+        ("load", _) => "50 %",
+        ("supply", _) => "70 %",
+        ("backlash", _) => "40",
+        ("end-stop", _) => "400",
+        ("push", _) => "50 %",
+        ("slip", _) => "-1",
+        ("skip", _) => "400",
+        ("shift", _) => "0.2 mm",
+        ("dead", _) => "A",
+        _ => return None,
+    })
+}
+
+impl FaultKind {
+    /// Such a fault at a place, with the examples' values.
+    fn raw(&self, place: &str) -> Option<RawFault> {
+        let mut table = toml::Table::new();
+        table.insert("kind".to_owned(), self.kind.into());
+        table.insert(if self.line { "line" } else { "board" }.to_owned(), place.into());
+        for (field, example) in &self.fields {
+            let value = example.parse().map_or_else(|_| Value::from(*example), Value::Integer);
+            table.insert((*field).to_owned(), value);
+        }
+        toml::from_str(&toml::to_string(&table).ok()?).ok()
     }
 }
 
@@ -488,5 +553,33 @@ pub(crate) fn text_drawn(text: &Spanned<String>, place: &str, dice: &mut Dice) -
         None => Ok(text.clone()),
         Some(Ok(range)) => Ok(Spanned::new(text.span(), dice.draw(place, &range))),
         Some(Err(message)) => Err((text.span(), message)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rig::file::RigFile;
+
+    #[test]
+    fn every_kind_of_fault_is_offered_with_values_that_are_taken() {
+        let names = |rig: &str| RigFile::load(rig).unwrap().names();
+        let (lathe, engraver) = (names("lathe"), names("engraver"));
+        let kinds = fault_kinds();
+        assert_eq!(kinds.len(), LINE_KINDS.len() + BOARD_KINDS.len());
+        for mut fault in kinds {
+            // The other line cannot be known.
+            fault.fields.iter_mut().filter(|(field, _)| *field == "with").for_each(|with| with.1 = "master_to_depth");
+            let (names, place) = match (fault.line, fault.needs) {
+                (true, _) => (&lathe, "pc_to_master"),
+                (false, Some(Capability::Stepper)) => (&engraver, "engraver.x"),
+                (false, _) => (&lathe, "transverse"),
+            };
+            let raw = fault.raw(place).unwrap();
+            assert!(raw.plan(names, &mut Dice::new(0)).is_ok(), "{fault:?}");
+        }
+        let needs = |kind: &str| fault_kinds().into_iter().find(|fault| fault.kind == kind).unwrap().needs;
+        assert_eq!(needs("stall"), Some(Capability::Motor));
+        assert_eq!((needs("end-stop"), needs("hang"), needs("cut")), (Some(Capability::Axis), None, None));
     }
 }

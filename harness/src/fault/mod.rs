@@ -8,7 +8,7 @@ mod file;
 
 pub use faults::{Cause, Faults, HealError, Planned, Trigger, Unfired};
 pub(crate) use file::text_drawn;
-pub use file::{BOARD_KINDS, FaultFile, FaultFileError, LINE_KINDS, RawFault, load, parse};
+pub use file::{BOARD_KINDS, FaultFile, FaultFileError, FaultKind, LINE_KINDS, RawFault, fault_kinds, load, parse};
 
 use torno_protocol::board::{Capability, Channel, MotorStimulus, Stimulus};
 use torno_protocol::clock::Clock;
