@@ -76,3 +76,24 @@ fn the_same_lines_turn_the_same_part_with_the_controller_and_planned() {
         assert!((least - 0.002..=most + 0.002).contains(radius), "{radius} at {n}: {near:?}");
     }
 }
+
+/// Whatever breaks on the way: with processes, without, and when it is repeated.
+#[test]
+fn a_scenario_of_the_controller_is_the_same_wherever_its_boards_run() {
+    for name in ["stall-in-mid-job", "slave-dies-in-mid-job", "noise-before-the-master", "reset-in-mid-frame"] {
+        let folder = folder();
+        let scenario = format!("{}/../tests/scenarios/grbl-{name}.toml", env!("CARGO_MANIFEST_DIR"));
+        let traces = ["--in-process", "--processes"].map(|placement| {
+            let trace = folder.path().join(placement).display().to_string();
+            let tested = output(&["test", &scenario, placement, "--record", &trace]);
+            assert!(tested.status.success(), "{name} {placement}: {}", String::from_utf8_lossy(&tested.stdout));
+            trace
+        });
+        let same = output(&["diff", &traces[0], &traces[1]]);
+        assert!(same.status.success(), "{name}: {}", String::from_utf8_lossy(&same.stdout));
+        for trace in &traces {
+            let repeated = output(&["replay", trace]);
+            assert!(repeated.status.success(), "{name}: {}", String::from_utf8_lossy(&repeated.stderr));
+        }
+    }
+}
