@@ -65,6 +65,11 @@ impl Block {
         Some((block, direction))
     }
 
+    /// The same motion with other steps, along the same line as far as steps allow. None if there are none.
+    pub(crate) fn with_steps(&self, steps: [i64; AXES], limits: &Limits) -> Option<Self> {
+        Self::new(steps, self.rate, limits).map(|(block, _)| block)
+    }
+
     /// The speed that it is to go at.
     pub(crate) fn nominal(&self, overrides: Overrides) -> f64 {
         let percent = |percent: u8| f64::from(percent) / 100.0;

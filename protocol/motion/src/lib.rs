@@ -15,6 +15,9 @@
 //! 3. At that instant it calls [`advance`](Planner::advance), and takes the next segment.
 //! 4. If there is none, the axes stand: at the end of all motions, or after a hold.
 //!
+//! A [`Sequencer`] is the other way to move, which the engraver's paper describes: it has no ramps and does not keep
+//! to lines.
+//!
 //! Lengths are mm, speeds in settings mm a minute, accelerations mm/s². An axis that turns has degrees in place of mm,
 //! as in GRBL. Nothing is drawn at random, and no transcendental function is used: the pulses are the same on every
 //! machine, and they do not depend on how often anybody asks.
@@ -26,9 +29,11 @@ mod look_ahead;
 mod planner;
 mod profile;
 mod segment;
+mod sequencer;
 mod timer;
 
 pub use block::Rate;
 pub use limits::{AXES, AxisLimits, Limits};
 pub use planner::Planner;
 pub use segment::{Period, Segment, Train};
+pub use sequencer::Sequencer;
