@@ -107,6 +107,8 @@ pub(crate) struct Joint {
     steps: bool,
     /// When the motor has done the last pulse that was put on it.
     until: Instant,
+    /// From a pulse of it to the next.
+    period: Span,
     /// The plan counts so many more steps than the axis.
     offset: i64,
     /// What it is doing, and what comes then.
@@ -132,6 +134,7 @@ impl Joint {
             forward: true,
             steps: false,
             until: Instant::START,
+            period: Span::ZERO,
             offset: 0,
             current: None,
             queue: VecDeque::new(),
@@ -279,6 +282,7 @@ impl Joint {
     /// No pulse from now on.
     pub(crate) fn cut(&mut self, now: Instant) {
         self.axis_mut(now).cut(now);
+        self.until = self.until.min(now + self.period);
         self.put_nothing(now);
     }
 
@@ -351,7 +355,7 @@ impl Joint {
     fn feed(&mut self, now: Instant, forward: bool, train: Train) {
         self.axis_mut(now).train(now, forward, train);
         if self.is_ready() {
-            self.until = train.end();
+            (self.until, self.period) = (train.end(), Span::from_nanos(train.nanos / train.per));
             self.put(forward, train);
         }
     }

@@ -7,6 +7,7 @@
 //!
 //! - `settings`: what the rig file says of the board
 //! - `machine`: the controller's machine: planned segments in, trains of pulses out
+//! - `motions`: how motions become trains: interpolated, or as the paper has them
 //! - `joint`: one axis with its pins and its loop
 //! - `probe`: what the lines of its encoder do, for whoever looks
 //! - `homing`: how the ends of travel are found
@@ -15,8 +16,9 @@ mod board;
 mod homing;
 mod joint;
 mod machine;
+mod motions;
 mod probe;
 mod settings;
 
 pub use board::{Engraver, engraver};
-pub use settings::{EngraverSettings, Others, Preset, TravelSettings};
+pub use settings::{EngraverSettings, Motion, Others, Preset, TravelSettings};

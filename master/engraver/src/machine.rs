@@ -10,7 +10,7 @@ use torno_grbl::machine::{self, Move, Overrides, Progress};
 use torno_grbl::memory::Settings;
 use torno_grbl::{Axes, Rate, Spindle};
 use torno_grbl_board::{SIGNALS, Wired};
-use torno_motion::{AxisLimits, Limits, Planner};
+use torno_motion::{AxisLimits, Limits};
 use torno_protocol::board::{
     Capability, Channel, Deadline, Description, Motor, MotorStimulus, Output, OutputPin, Pin, Role, Signal,
 };
@@ -20,6 +20,7 @@ use torno_stepper::{Axis, AxisSettings, Cause, Fault, Law, State};
 
 use crate::homing::{Homing, Next, Surroundings, found_at};
 use crate::joint::{self, Joint, Piece, Said};
+use crate::motions::Motions;
 use crate::settings::{EngraverSettings, Others};
 
 /// The letters of the axes.
@@ -29,7 +30,7 @@ const PM_PER_MM: f64 = 1e9;
 /// The machine: a planner, and the axes.
 #[derive(Clone, Debug)]
 pub struct Machine {
-    planner: Planner,
+    motions: Motions,
     joints: Vec<Joint>,
     settings: Settings,
     pulse_mm: [f64; 4],
@@ -74,7 +75,7 @@ impl Machine {
         let pulse_mm = of(&|n| own[n].scale().pulse_mm());
         let joints = own.iter().zip((0u8..).step_by(2)).map(|(own, pin)| Joint::new(Axis::new(own), pin));
         Self {
-            planner: Planner::new(limits(&Settings::default()), settings.blocks as usize),
+            motions: Motions::new(settings, limits(&Settings::default())),
             joints: joints.collect(),
             settings: Settings::default(),
             pulse_mm,
@@ -114,7 +115,7 @@ impl Machine {
     /// Gives the axes the segment that is under way, if it is another one than before.
     fn take_segment(&mut self, now: Instant) -> bool {
         let time = self.plan_time(now);
-        let Some(segment) = self.planner.segment().copied() else {
+        let Some(segment) = self.motions.segment().copied() else {
             let gone = self.given.take().is_some();
             if gone {
                 self.joints.iter_mut().for_each(|joint| joint.cut_plan(time));
@@ -124,7 +125,7 @@ impl Machine {
         if self.given.replace(segment.start) == Some(segment.start) {
             return false;
         }
-        let (at, issued) = (self.planner.position(time), segment.issued(time));
+        let (at, issued) = (self.motions.position(time), segment.issued(time));
         for (n, joint) in self.joints.iter_mut().enumerate() {
             let from = i64::from(at[n]) - i64::from(issued[n]);
             joint.push(Piece { start: segment.start, end: segment.end, from, train: segment.trains[n] });
@@ -155,7 +156,7 @@ impl Machine {
             more |= self.thaw(now);
             let shift = self.behind;
             if self.frozen.is_none() {
-                more |= self.planner.advance(self.plan_time(now));
+                more |= self.motions.advance(self.plan_time(now));
                 more |= self.take_segment(now);
                 for (joint, gain) in self.joints.iter_mut().zip(self.gains) {
                     more |= joint.follow(now, shift, gain);
@@ -184,7 +185,7 @@ impl Machine {
             self.joints.iter_mut().for_each(|joint| joint.cut(now));
             if self.law == Law::Pause {
                 // It begins again from rest.
-                self.planner.stop(time);
+                self.motions.stop(time);
                 self.take_segment(now);
             }
         }
@@ -197,7 +198,7 @@ impl Machine {
         let Some(time) = self.frozen.take_if(|_| ready) else { return false };
         self.behind = now.since(time);
         if self.law == Law::Pause && self.moves && !self.holds && !self.ended {
-            self.planner.start(time);
+            self.motions.start(time);
         }
         self.take_segment(now);
         let shift = self.behind;
@@ -226,7 +227,7 @@ impl Machine {
         if let Some(homing) = &mut self.homing
             && homing.passes_mark(axis)
         {
-            self.planner.hold(self.plan_time(now));
+            self.motions.hold(self.plan_time(now));
         }
     }
 
@@ -239,11 +240,11 @@ impl Machine {
     /// Stands at once, and forgets the motions.
     fn forget_all(&mut self, now: Instant) {
         let time = self.plan_time(now);
-        self.planner.abort(time);
+        self.motions.abort(time);
         self.behind = now.since(time);
         (self.frozen, self.given, self.ends) = (None, None, None);
         (self.moves, self.holds, self.ended) = (false, false, false);
-        let at = self.planner.position(time);
+        let at = self.motions.position(time);
         for (joint, at) in self.joints.iter_mut().zip(at) {
             joint.forget(now, i64::from(at));
         }
@@ -255,7 +256,7 @@ impl Machine {
             return false;
         }
         let shift = self.behind;
-        let done = self.planner.segment().is_none() && self.joints.iter().all(|joint| joint.is_done(now, shift));
+        let done = self.motions.segment().is_none() && self.joints.iter().all(|joint| joint.is_done(now, shift));
         match (self.ended, self.ends) {
             (false, None) if done => {
                 // What rounding has left over comes now.
@@ -293,7 +294,7 @@ impl Machine {
     fn search(&mut self, now: Instant, mut homing: Homing) {
         let time = self.plan_time(now);
         // A mark may have ended the motion before its end.
-        self.planner.abort(time);
+        self.motions.abort(time);
         let negative = self.settings.homes_negative();
         let to_end = |n: usize| {
             let joint = self.joints.get(n)?;
@@ -311,7 +312,7 @@ impl Machine {
                 for (joint, _) in self.joints.iter_mut().zip(leg.marks).filter(|(_, looks)| *looks) {
                     joint.axis_mut(now).seek_index(now);
                 }
-                let at = self.planner.position(time);
+                let at = self.motions.position(time);
                 let to = core::array::from_fn(|n| at[n] + (leg.way[n] / self.pulse_mm[n]).round() as i32);
                 self.homing = Some(homing);
                 self.run(now, to, torno_motion::Rate::Jog(leg.rate));
@@ -323,7 +324,7 @@ impl Machine {
 
     /// All ends are found.
     fn found(&mut self, now: Instant, homing: &Homing) {
-        let at = self.planner.position(self.plan_time(now));
+        let at = self.motions.position(self.plan_time(now));
         for (n, joint) in self.joints.iter_mut().enumerate() {
             if homing.has(n) {
                 joint.axis_mut(now).reference(now);
@@ -337,8 +338,8 @@ impl Machine {
     /// Does one motion of the machine's own.
     fn run(&mut self, now: Instant, to: [i32; 4], rate: torno_motion::Rate) {
         let time = self.plan_time(now);
-        self.planner.push(time, to, rate);
-        self.planner.start(time);
+        self.motions.push(time, to, rate);
+        self.motions.start(time);
         self.moves = true;
         self.watch(now);
     }
@@ -371,18 +372,18 @@ fn limits(settings: &Settings) -> Limits {
 
 impl machine::Machine for Machine {
     fn configure(&mut self, settings: &Settings) {
-        self.planner.set_limits(limits(settings));
+        self.motions.set_limits(limits(settings));
         let gain = |n: usize| f64::from(settings.acceleration[n]) * f64::from(settings.steps_per_mm[n]);
         self.gains = core::array::from_fn(|n| gain(n).max(1.0));
         self.settings = settings.clone();
     }
 
     fn room(&self) -> usize {
-        self.planner.room()
+        self.motions.room()
     }
 
     fn has_motions(&self) -> bool {
-        !self.planner.is_empty()
+        !self.motions.is_empty()
     }
 
     fn push(&mut self, now: Instant, motion: Move) {
@@ -394,7 +395,7 @@ impl machine::Machine for Machine {
             Rate::PerMinute(part) => torno_motion::Rate::InverseTime(part.into()),
         };
         let to = core::array::from_fn(|n| motion.to[n].wrapping_sub(self.zero[n]));
-        self.planner.push(self.plan_time(now), to, rate);
+        self.motions.push(self.plan_time(now), to, rate);
         self.proceed(now);
     }
 
@@ -406,11 +407,11 @@ impl machine::Machine for Machine {
             }
         }
         let time = self.plan_time(now);
-        self.planner.set_overrides(time, overrides.feed, overrides.rapid);
+        self.motions.set_overrides(time, overrides.feed, overrides.rapid);
         (self.moves, self.holds) = (true, false);
         (self.ends, self.ended) = (None, false);
         if self.frozen.is_none() || self.law == Law::AtOnce {
-            self.planner.start(time);
+            self.motions.start(time);
         }
         self.watch(now);
         self.proceed(now);
@@ -418,7 +419,7 @@ impl machine::Machine for Machine {
 
     fn hold(&mut self, now: Instant) {
         self.holds = true;
-        self.planner.hold(self.plan_time(now));
+        self.motions.hold(self.plan_time(now));
         self.proceed(now);
     }
 
@@ -442,17 +443,17 @@ impl machine::Machine for Machine {
     }
 
     fn override_by(&mut self, now: Instant, overrides: Overrides) {
-        self.planner.set_overrides(self.plan_time(now), overrides.feed, overrides.rapid);
+        self.motions.set_overrides(self.plan_time(now), overrides.feed, overrides.rapid);
         self.proceed(now);
     }
 
     fn position(&self, now: Instant) -> Axes<i32> {
-        let at = self.planner.position(self.plan_time(now));
+        let at = self.motions.position(self.plan_time(now));
         core::array::from_fn(|n| at[n].wrapping_add(self.zero[n]))
     }
 
     fn rate(&self, now: Instant) -> f32 {
-        if self.frozen.is_some() { 0.0 } else { self.planner.rate(self.plan_time(now)) as f32 }
+        if self.frozen.is_some() { 0.0 } else { self.motions.rate(self.plan_time(now)) as f32 }
     }
 
     fn ends(&self) -> Axes<bool> {
@@ -507,7 +508,7 @@ impl Wired for Machine {
         self.homing = None;
         self.forget_all(now);
         self.progress.clear();
-        let at = self.planner.position(self.plan_time(now));
+        let at = self.motions.position(self.plan_time(now));
         self.zero = at.map(|at| -at);
         // The timers begin again.
         self.joints.iter_mut().for_each(|joint| joint.axis_mut(now).reference(now));
@@ -556,7 +557,7 @@ impl Wired for Machine {
         let at = |at: Option<Instant>, why| at.map(|at| Deadline { at, why });
         let shift = self.behind;
         let goes_on = self.frozen.is_none();
-        let segment = self.planner.segment().filter(|_| goes_on).map(|segment| segment.end + shift);
+        let segment = self.motions.segment().filter(|_| goes_on).map(|segment| segment.end + shift);
         let pieces = self.joints.iter().filter(|_| goes_on && self.moves && !self.ended);
         let pieces = pieces.filter_map(|joint| joint.next(shift)).filter(|at| *at > self.now).min();
         let loops = self.joints.iter().filter_map(Joint::poll_timeout);

@@ -19,12 +19,22 @@ choice! {
 }
 
 choice! {
+    /// How motions become trains of pulses.
+    pub enum Motion {
+        /// As GRBL plans them: on a line, with ramps and look-ahead. (Ours.)
+        Interpolated = "interpolated",
+        /// As the paper has them: a timer for each axis, at one frequency, without ramps.
+        Sequenced = "sequenced",
+    }
+}
+
+choice! {
     /// Settings that belong together.
     pub enum Preset {
         /// None.
         None = "none",
-        /// The loop as the paper words it: every 4 pulses, corrected at once, with the paper's scale, while the other
-        /// axes go on. It comes before the settings that it names.
+        /// As the paper words it: a loop every 4 pulses that corrects at once, with the paper's scale, while the other
+        /// axes go on, and sequenced motion. It comes before the settings that it names.
         Paper = "paper",
     }
 }
@@ -38,6 +48,10 @@ settings! {
         blocks: u32 = 15, 1..=1_000, "", "GRBL 1.1h";
         /// How many axes there are: X, Y, Z and, with 4, A, which turns.
         axes: u32 = 4, 3..=4, "", "paper";
+        /// How motions become trains of pulses.
+        motion: Motion = Motion::Interpolated, Motion::NAMES, "", "ours";
+        /// Of sequenced motion: the timers count 120 MHz divided by this, or by more where a train is slow.
+        timer_prescaler: u32 = 1, 1..=65_536, "", "STM32F217";
         /// What the other axes do while one corrects.
         others: Others = Others::Wait, Others::NAMES, "", "ours";
         /// While an axis moves, it is told so often where it is.
@@ -116,7 +130,7 @@ impl EngraverSettings {
     pub fn preset(&self) -> Self {
         let mut settings = self.clone();
         if self.preset == Preset::Paper {
-            settings.others = Others::GoOn;
+            (settings.motion, settings.others) = (Motion::Sequenced, Others::GoOn);
             let own =
                 LoopSettings { mode: Mode::Dynamic, law: Law::AtOnce, scale: CountScale::Paper, ..self.r#loop.clone() };
             settings.r#loop = own;

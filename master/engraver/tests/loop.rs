@@ -262,3 +262,37 @@ fn after_homing_lost_counts_are_found_at_the_index_mark() {
     bench.rest();
     assert!((bench.carriage(0) - 58.0).abs() <= 0.01, "{}", bench.carriage(0));
 }
+
+#[test]
+fn sequenced_motion_goes_where_it_is_to_and_not_on_a_line() {
+    let mut bench = Bench::new("motion = \"sequenced\"\ntimer_prescaler = 120");
+    bench.every = Some((Span::from_micros(500), Vec::new()));
+    bench.line("G91 G1 X100 Y33.3 F1500");
+    let status = bench.rest();
+    assert!(status.contains("<Idle|MPos:100.000,33.300"), "{status}");
+    let (_, places) = bench.every.take().unwrap();
+    let off = places.iter().map(|[x, y]| (33.3 * x - 100.0 * y).abs() / 105.4).fold(0.0, f64::max);
+    assert!((0.165..0.175).contains(&off), "{off}");
+    assert!((bench.carriage(0) - 100.0).abs() < 0.002 && (bench.carriage(1) - 33.3).abs() < 0.002);
+    assert_eq!((bench.corrections(0), bench.corrections(1)), (0, 0));
+    // A hold stops it at once, and a start goes on.
+    bench.line("G1 X-20 F600");
+    bench.run_to(bench.now + Span::from_millis(500));
+    bench.send("!");
+    bench.run_to(bench.now + Span::from_millis(100));
+    let held = bench.carriage(0);
+    bench.run_to(bench.now + Span::from_millis(500));
+    assert!((bench.carriage(0) - held).abs() < 1e-9 && held < 96.0, "{held}");
+    bench.send("~");
+    let status = bench.rest();
+    assert!(status.contains("<Idle|MPos:80.000,33.300"), "{status}");
+}
+
+#[test]
+fn as_the_paper_has_it_it_moves_and_corrects_what_is_right() {
+    let mut bench = Bench::new("preset = \"paper\"");
+    let status = move_x(&mut bench, 100.0, 10.0);
+    assert!(status.contains("<Idle|MPos:100.000"), "{status}");
+    assert!(bench.corrections(0) > 100, "{}", bench.corrections(0));
+    assert!((bench.carriage(0) - 101.2456).abs() < 0.02, "{}", bench.carriage(0));
+}

@@ -1,11 +1,11 @@
-//! Motion without interpolation: each axis has a timer of its own, which makes pulses at one frequency until it has made
-//! as many as were asked for.
+//! Motion without interpolation: each axis has a timer of its own, which makes pulses at one frequency until it has
+//! made as many as were asked for.
 //!
 //! After "Research on Low-Cost Implementation of Closed-loop Control Program for a Small Engraving Machine" (Lu and
 //! others, 2016): `Stepping_Motor_Y(dir, pul, amount)` takes a sense, a frequency and a number of pulses, and an axis
-//! starts when another one has made a set number of pulses. What the paper leaves open is ours: in a feed all axes start
-//! at once, with frequencies in the ratio of their ways; in a rapid motion each goes as fast as it can, Z first if it
-//! goes up and last if it goes down. There are no ramps. A motion begins when all axes have ended the one before.
+//! starts when another one has made a set number of pulses. What the paper leaves open is ours: in a feed all axes
+//! start at once, with frequencies in the ratio of their ways; in a rapid motion each goes as fast as it can, Z first
+//! if it goes up and last if it goes down. There are no ramps. A motion begins when all axes have ended the one before.
 
 use std::collections::VecDeque;
 
