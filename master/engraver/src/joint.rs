@@ -7,7 +7,7 @@ use torno_protocol::board::{Deadline, Output, Pin, PinOutput};
 use torno_protocol::line::Level;
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::train::Train;
-use torno_stepper::{Alarm, Axis, Event, State};
+use torno_stepper::{Alarm, Axis, Event, State, Stats};
 
 use crate::probe::Probe;
 
@@ -17,8 +17,11 @@ const HIGH: Span = Span::from_micros(3);
 const LEFT_OVER: Span = Span::from_micros(100);
 /// An axis that stood alone gains speed in steps of so long, as GRBL ramps. (Ours.)
 const RAMP_STEP: Span = Span::from_millis(10);
-/// What [`Joint::tell`] tells of an axis: what it is to do, where its carriage is, how often its loop has corrected.
-pub(crate) const SIGNALS: u8 = 3;
+/// What is told of an axis: what it is to do, where its carriage is, how often its loop has corrected; and at rest also
+/// how often it has looked, and how far the carriage was off while the program moved it.
+pub(crate) const SIGNALS: u8 = 5;
+/// So many of them are told while it moves.
+const WHILE_MOVING: usize = 3;
 
 /// What has come of an axis's loop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -378,17 +381,30 @@ impl Joint {
     }
 
     /// What it is to do, where its carriage is, in nm, and how often its loop has corrected. A pulse is `pulse_nm`.
-    pub(crate) fn values(&self, at: Instant, pulse_nm: f64) -> [i64; SIGNALS as usize] {
+    pub(crate) fn values(&self, at: Instant, pulse_nm: f64) -> [i64; WHILE_MOVING] {
         let asked = (self.position(at) as f64 * pulse_nm) as i64;
         [asked, self.axis.carriage(at) / 1_000, self.axis.corrections().cast_signed()]
+    }
+
+    /// Tells at rest what its loop has done so far, in quantities from `signal` on.
+    pub(crate) fn tell_rest(&mut self, now: Instant, signal: u8) {
+        let Stats { checks, worst_pm, .. } = self.axis.stats(now);
+        let values = [checks.cast_signed(), worst_pm / 1_000];
+        self.note_told(signal, WHILE_MOVING, &values);
     }
 
     /// Tells where it is, in quantities from `signal` on. A pulse is worth `pulse_nm`.
     pub(crate) fn tell(&mut self, now: Instant, pulse_nm: f64, signal: u8) {
         let values = self.values(now, pulse_nm);
-        for (n, (told, value)) in (signal..).zip(self.told.iter_mut().zip(values)) {
-            if core::mem::replace(told, value) != value {
-                self.outputs.push_back(Output::Telemetry { signal: n, value });
+        self.note_told(signal, 0, &values);
+    }
+
+    /// Tells what of these quantities, from number `first` on, is another than it was told last.
+    fn note_told(&mut self, signal: u8, first: usize, values: &[i64]) {
+        let told = (signal..).zip(&mut self.told).skip(first);
+        for ((n, told), value) in told.zip(values) {
+            if core::mem::replace(told, *value) != *value {
+                self.outputs.push_back(Output::Telemetry { signal: n, value: *value });
             }
         }
     }

@@ -220,6 +220,7 @@ impl Machine {
         let searching = self.homing.take().is_some();
         self.progress.push_back(Progress::Failed(if searching { Alarm::NoEnd } else { Alarm::Aborted }));
         self.tell(now);
+        self.tell_rest(now);
     }
 
     /// A search for the index mark of an axis has found it.
@@ -283,6 +284,7 @@ impl Machine {
     fn rest(&mut self, now: Instant) {
         self.moves = false;
         self.tell(now);
+        self.tell_rest(now);
         if let Some(homing) = self.homing.take() {
             return self.search(now, homing);
         }
@@ -353,11 +355,22 @@ impl Machine {
         self.tells.get_or_insert(now + self.tells_every);
     }
 
-    fn tell(&mut self, now: Instant) {
+    fn tell_rest(&mut self, now: Instant) {
         for (n, joint) in self.joints.iter_mut().enumerate() {
-            joint.tell(now, self.pulse_mm[n] * 1e6, SIGNALS + n as u8 * joint::SIGNALS);
+            joint.tell_rest(now, first_signal(n));
         }
     }
+
+    fn tell(&mut self, now: Instant) {
+        for (n, joint) in self.joints.iter_mut().enumerate() {
+            joint.tell(now, self.pulse_mm[n] * 1e6, first_signal(n));
+        }
+    }
+}
+
+/// The number of the first quantity of an axis.
+const fn first_signal(axis: usize) -> u8 {
+    SIGNALS + axis as u8 * joint::SIGNALS
 }
 
 /// What the planner has to know of the settings.
@@ -481,6 +494,8 @@ impl Wired for Machine {
                 signal(&format!("command_{unit}"), unit, Role::SetPoint),
                 signal(&format!("carriage_{unit}"), unit, Role::Position),
                 signal("corrections", "", Role::Other),
+                signal("checks", "", Role::Other),
+                signal(&format!("worst_{unit}"), unit, Role::Other),
             ]);
             description.motors.push(Motor {
                 name: name.to_owned(),
@@ -492,8 +507,8 @@ impl Wired for Machine {
     }
 
     fn quantities(&self, at: Instant) -> Vec<(u8, i64)> {
-        let values = |(n, joint): (usize, &Joint)| joint.values(at, self.pulse_mm[n] * 1e6);
-        (SIGNALS..).zip(self.joints.iter().enumerate().flat_map(values)).collect()
+        let values = |(n, joint): (usize, &Joint)| (first_signal(n)..).zip(joint.values(at, self.pulse_mm[n] * 1e6));
+        self.joints.iter().enumerate().flat_map(values).collect()
     }
 
     fn watch_pins(&mut self) {

@@ -113,7 +113,7 @@ impl Bench {
 
     /// Where a carriage is, in mm from where it was at the start: to be asked at rest.
     pub(crate) fn carriage(&self, axis: usize) -> f64 {
-        self.values[2 + 3 * axis] as f64 / 1e6
+        self.values[2 + 5 * axis] as f64 / 1e6
     }
 
     /// How far the carriage of an axis was off while the program moved it, mm.
@@ -122,7 +122,7 @@ impl Bench {
     }
 
     pub(crate) fn corrections(&self, axis: usize) -> i64 {
-        self.values[3 + 3 * axis]
+        self.values[3 + 5 * axis]
     }
 
     /// The pulses on a step pin, with their sense.
