@@ -189,3 +189,27 @@ fn a_picture_is_drawn_of_axes_and_refused_without() {
     assert_eq!(refused.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&refused.stderr).contains("expected a rig such as 'engraver'"));
 }
+
+#[test]
+fn loops_are_compared_and_the_open_one_does_not_see_what_it_has_lost() {
+    let folder = folder();
+    let picture = folder.path().join("loops.svg");
+    let faults = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/tough-spots.toml");
+    let options = ["--faults", faults, "--json", "--plot", picture.to_str().unwrap()];
+    let compared = json(&output(&[&["engraver", "compare"], &options[..]].concat()));
+    let loops = compared["loops"].as_array().unwrap();
+    let of = |name: &str, field: &str| {
+        let row = loops.iter().find(|row| row["name"] == name).unwrap();
+        row[field].as_f64().unwrap()
+    };
+    assert_eq!(loops.len(), 5);
+    assert!((of("open", "final_mm") - 0.3).abs() < 0.005 && of("open", "corrections") == 0.0);
+    for name in ["fixed 1 ms", "fixed 10 ms", "fixed 50 ms", "dynamic"] {
+        assert!(of(name, "final_mm") < 0.01 && of(name, "corrections") > 0.0, "{name}");
+    }
+    assert!(of("dynamic", "worst_mm") < 0.03 && of("fixed 50 ms", "worst_mm") > 0.1);
+    assert!(std::fs::read_to_string(&picture).unwrap().contains("times as much"));
+    let refused = output(&["engraver", "compare", "--rig", "lathe"]);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&refused.stderr).contains("expected one such as 'engraver'"));
+}

@@ -24,6 +24,10 @@ const STRAIGHT_MM: f64 = 0.000_2;
 /// So many columns of values are told apart in a picture.
 const COLUMNS: usize = 900;
 
+/// How far a way is off is drawn so many times as large, and no larger than this share of the picture.
+const MAGNIFICATIONS: [f64; 10] = [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1_000.0];
+const LARGEST_SHARE: f64 = 0.05;
+
 type Point = (f64, f64);
 
 /// An axis, in mm; or degrees, if it turns.
@@ -35,6 +39,14 @@ pub struct Tracked {
     pub unit: &'static str,
     /// What was asked of it, and where it was, at each look.
     pub places: Vec<(f64, f64)>,
+}
+
+impl Tracked {
+    /// How far it was from what was asked of it at a look.
+    fn off(&self, look: usize) -> f64 {
+        let (asked, got) = self.places[look];
+        (got - asked).abs()
+    }
 }
 
 /// The axes of a board.
@@ -119,6 +131,65 @@ impl Tracking {
         Ok(Some(Self { axes: axes.collect(), at: samples.iter().map(|(at, _)| seconds(at)).collect() }))
     }
 
+    /// How far the axes in mm are from what was asked of them at the end: the one that is furthest.
+    pub fn last_mm(&self) -> f64 {
+        let Some(last) = self.at.len().checked_sub(1) else { return 0.0 };
+        self.axes.iter().filter(|axis| axis.unit == "mm").map(|axis| axis.off(last)).fold(0.0, f64::max)
+    }
+
+    /// The way in the work, seen from above: asked, and gone. How far they are apart is drawn so much larger that it
+    /// can be seen; the legend says how much. None without X and Y.
+    pub fn magnified(&self, name: &str) -> Option<Panel> {
+        let (x, y) = (self.axis("x")?, self.axis("y")?);
+        let works = self.in_work();
+        let worst = (0..self.at.len()).filter(|n| works(*n)).flat_map(|n| [x.off(n), y.off(n)]).fold(0.0, f64::max);
+        let spread = |axis: &Tracked| {
+            let places = axis.places.iter().map(|(asked, _)| *asked);
+            places.clone().fold(f64::NEG_INFINITY, f64::max) - places.fold(f64::INFINITY, f64::min)
+        };
+        let most = spread(x).max(spread(y)) * LARGEST_SHARE / worst.max(1e-9);
+        let times = MAGNIFICATIONS.into_iter().rfind(|times| *times <= most).unwrap_or(1.0);
+        let asked = self.pieces(&works, |axis, n| axis.places[n].0, (x, y));
+        let gone =
+            self.pieces(&works, |axis, n| axis.places[n].0 + times * (axis.places[n].1 - axis.places[n].0), (x, y));
+        let series = vec![
+            Series::pieces("asked", Style::Line, asked),
+            Series::pieces(format!("gone, off by {times} times as much"), Style::Line, gone),
+        ];
+        Some(Panel { x: format!("x, mm ({name})"), y: "y, mm".to_owned(), height: 1.0, series })
+    }
+
+    /// Whether the tool is in the work at a look: below where it was at the start.
+    fn in_work(&self) -> impl Fn(usize) -> bool {
+        let z = self.axis("z");
+        move |n| z.is_none_or(|z| z.places[n].0 < z.places[0].0)
+    }
+
+    /// The places at the looks that are wanted, where those belong together that follow one another.
+    fn pieces(
+        &self,
+        wanted: impl Fn(usize) -> bool,
+        of: impl Fn(&Tracked, usize) -> f64,
+        (x, y): (&Tracked, &Tracked),
+    ) -> Vec<Vec<Point>> {
+        let mut pieces: Vec<Vec<Point>> = Vec::new();
+        let mut joined = false;
+        for n in 0..self.at.len() {
+            if !wanted(n) {
+                joined = false;
+                continue;
+            }
+            let place = (of(x, n), of(y, n));
+            match pieces.last_mut().filter(|_| joined) {
+                Some(piece) if piece.last() == Some(&place) => {}
+                Some(piece) => extend(piece, place),
+                None => pieces.push(vec![place]),
+            }
+            joined = true;
+        }
+        pieces
+    }
+
     fn axis(&self, name: &str) -> Option<&Tracked> {
         self.axes.iter().find(|axis| axis.name == name)
     }
@@ -129,28 +200,10 @@ impl Tracking {
     pub fn figure(&self, title: &str) -> Figure {
         let mut panels = Vec::new();
         if let (Some(x), Some(y)) = (self.axis("x"), self.axis("y")) {
-            let z = self.axis("z");
-            let in_work = |n: usize| z.is_none_or(|z| z.places[n].0 < z.places[0].0);
-            let pieces = |works: bool, got: bool| {
-                let place = |n: usize| {
-                    let of = |axis: &Tracked| if got { axis.places[n].1 } else { axis.places[n].0 };
-                    (of(x), of(y))
-                };
-                let mut pieces: Vec<Vec<Point>> = Vec::new();
-                let mut joined = false;
-                for n in 0..self.at.len() {
-                    if in_work(n) != works {
-                        joined = false;
-                        continue;
-                    }
-                    match pieces.last_mut().filter(|_| joined) {
-                        Some(piece) if piece.last() == Some(&place(n)) => {}
-                        Some(piece) => extend(piece, place(n)),
-                        None => pieces.push(vec![place(n)]),
-                    }
-                    joined = true;
-                }
-                pieces
+            let works = self.in_work();
+            let pieces = |wanted: bool, got: bool| {
+                let of = |axis: &Tracked, n: usize| if got { axis.places[n].1 } else { axis.places[n].0 };
+                self.pieces(|n| works(n) == wanted, of, (x, y))
             };
             let series = vec![
                 Series::pieces("in the air", Style::Dashed, pieces(false, true)),

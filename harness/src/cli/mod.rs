@@ -4,6 +4,7 @@ mod board;
 mod compare;
 mod ctl;
 mod diff;
+mod engraver;
 mod exit;
 mod gcode;
 mod identify;
@@ -100,6 +101,8 @@ enum Command {
     Compare(compare::Arguments),
     /// Is the PC program of the servo stand: checks, draws and runs motion programs.
     Servo(servo::Arguments),
+    /// Shows what the loops of an engraver make of a program.
+    Engraver(engraver::Arguments),
     /// Reads G-code: checks a program, prints the motions that it asks for, plans it for a lathe.
     Gcode(gcode::Arguments),
     /// Prints a recorded trace as a bus analyser would, or exports it.
@@ -154,6 +157,7 @@ fn run(started: Instant) -> ExitCode {
             Command::Tune(arguments) => arguments.run().await,
             Command::Compare(arguments) => arguments.run().await,
             Command::Servo(arguments) => arguments.run().await,
+            Command::Engraver(arguments) => arguments.run().await,
             Command::Gcode(arguments) => arguments.run().await,
             Command::Trace(arguments) => arguments.run(),
             Command::Replay(arguments) => arguments.run(started).await,

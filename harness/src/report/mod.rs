@@ -3,6 +3,7 @@
 mod comparison;
 mod cut;
 pub mod drawing;
+mod loops;
 pub mod page;
 mod part;
 mod progress;
@@ -14,6 +15,7 @@ mod timeline;
 
 pub use comparison::{Comparison, Side};
 pub use cut::Cut;
+pub use loops::{LoopComparison, LoopRow};
 pub use part::{EventSummary, Measure, PartSummary, Required, Worst};
 pub use progress::{Bar, Status};
 pub use readout::Readout;
