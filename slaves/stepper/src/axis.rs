@@ -9,10 +9,13 @@ use torno_protocol::train::Train;
 use crate::closed_loop::{Cause, ClosedLoop, Verdict};
 use crate::encoder::Channels;
 use crate::fault::Fault;
-use crate::machine::Machine;
+use crate::machine::{Machine, Stretch};
 use crate::settings::{AxisSettings, Law, Mode};
 use crate::timer::Counter;
-use crate::watch::{Reckoning, Watch, index_mark};
+use crate::watch::{Checks, Reckoning, Watch, index_mark};
+
+/// So many substeps of a rotor that swings are looked ahead: a second.
+const AHEAD: u32 = 10_000;
 
 /// Something that the loop does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -79,6 +82,8 @@ pub struct Stats {
     /// The same in the pauses, and at rest: pulses that are added to free a blocked carriage take it too far once it is
     /// free.
     pub worst_paused_pm: i64,
+    /// Substeps in which a rotor that swings has been integrated. All other time costs nothing.
+    pub substeps: u64,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -120,6 +125,10 @@ pub struct Axis {
     found: Option<Instant>,
     /// When the index mark passes, if it matters.
     mark: Option<Instant>,
+    /// The rotor may swing on from then on, and is looked at again.
+    again: Option<Instant>,
+    /// The machine as it will be when its trains are over, if nothing happens before that.
+    ahead: Option<Machine>,
     /// The next index mark is told.
     seeks: bool,
     /// What the count is beyond whole turns where the index mark is, once one has been sought.
@@ -149,6 +158,8 @@ impl Axis {
             corrected: 0,
             found: None,
             mark: None,
+            again: None,
+            ahead: None,
             seeks: false,
             index: None,
             events: VecDeque::new(),
@@ -224,7 +235,8 @@ impl Axis {
             Phase::Alarmed => None,
         };
         let mark = self.mark.map(|at| (at, "the index mark"));
-        let (at, why) = [mark, of_the_loop].into_iter().flatten().min_by_key(|(at, _)| *at)?;
+        let again = self.again.map(|at| (at, "the rotor still swings"));
+        let (at, why) = [mark, of_the_loop, again].into_iter().flatten().min_by_key(|(at, _)| *at)?;
         Some(Deadline { at, why })
     }
 
@@ -236,6 +248,9 @@ impl Axis {
         self.pass(now);
         if self.mark.is_some_and(|at| at <= now) {
             self.pass_index();
+            return self.look();
+        }
+        if self.again.is_some_and(|at| at <= now) {
             return self.look();
         }
         match self.phase {
@@ -265,22 +280,31 @@ impl Axis {
         self.pass(now);
         let before = self.machine.counted();
         let sensed = self.machine.sensed();
-        let Machine { plant, drive, encoder, scale, run, .. } = &mut self.machine;
+        let machine = &mut self.machine;
+        let units = |pm: i64| machine.scale.units(pm);
         match fault {
-            Fault::Stall(stalled) => plant.disturb(|plant| plant.stall(stalled)),
-            Fault::Load(per_mille) => plant.disturb(|plant| plant.set_friction(per_mille)),
-            Fault::Push(per_mille) => plant.disturb(|plant| plant.set_push(per_mille)),
-            Fault::Supply(per_mille) => plant.disturb(|plant| plant.set_supply(per_mille)),
-            Fault::Backlash(pm) => plant.disturb(|plant| plant.set_backlash(pm.map(|pm| scale.units(pm.into())))),
-            Fault::EndStop(pm) => plant.disturb(|plant| plant.mechanics.stop(scale.units(pm))),
-            Fault::Slip(turns) => plant.disturb(|plant| plant.slip(turns)),
-            Fault::Shift(pm) => plant.disturb(|plant| plant.mechanics.bend(scale.units(pm))),
-            Fault::Skip(every) => drive.skip(every, run.as_ref()),
-            Fault::Counts(counts) => encoder.invent(self.sense * counts),
-            Fault::SwappedChannels(swapped) => encoder.swap(swapped, sensed),
-            Fault::DeadChannel(dead) => encoder.cut(dead, sensed),
+            Fault::Stall(stalled) => machine.disturb(|plant| plant.stall(stalled)),
+            Fault::Load(per_mille) => machine.disturb(|plant| plant.set_friction(per_mille)),
+            Fault::Push(per_mille) => machine.disturb(|plant| plant.set_push(per_mille)),
+            Fault::Supply(per_mille) => machine.disturb(|plant| plant.set_supply(per_mille)),
+            Fault::Backlash(pm) => {
+                let backlash = pm.map(|pm| units(pm.into()));
+                machine.disturb(|plant| plant.set_backlash(backlash));
+            }
+            Fault::EndStop(pm) => {
+                let at = units(pm);
+                machine.disturb(|plant| plant.mechanics.stop(at));
+            }
+            Fault::Slip(turns) => machine.disturb(|plant| plant.slip(turns)),
+            Fault::Shift(pm) => {
+                let by = units(pm);
+                machine.disturb(|plant| plant.mechanics.bend(by));
+            }
+            Fault::Skip(every) => machine.skip(every),
+            Fault::Counts(counts) => machine.encoder.invent(self.sense * counts),
+            Fault::SwappedChannels(swapped) => machine.encoder.swap(swapped, sensed),
+            Fault::DeadChannel(dead) => machine.encoder.cut(dead, sensed),
         }
-        self.machine.note_deviation(0);
         self.counter.jump(before, self.machine.counted());
         self.look();
     }
@@ -368,8 +392,9 @@ impl Axis {
     pub fn stats(&self, now: Instant) -> Stats {
         let mut axis = self.clone();
         axis.pass(now);
-        let Machine { scale, worst, worst_paused, .. } = &axis.machine;
-        Stats { worst_pm: scale.pm(*worst), worst_paused_pm: scale.pm(*worst_paused), ..axis.stats }
+        let Machine { scale, worst, worst_paused, plant, .. } = &axis.machine;
+        let (worst_pm, worst_paused_pm) = (scale.pm(*worst), scale.pm(*worst_paused));
+        Stats { worst_pm, worst_paused_pm, substeps: plant.substeps(), ..axis.stats }
     }
 
     /// The machine at `now`.
@@ -383,6 +408,9 @@ impl Axis {
     fn pass(&mut self, now: Instant) {
         let done = |axis: &Self| axis.control.checks_until(axis.machine.program_now().1, axis.machine.at.as_nanos());
         let before = done(self);
+        if let Some(ahead) = self.ahead.take_if(|ahead| ahead.at <= now) {
+            self.machine = ahead;
+        }
         self.machine.advance(now.max(self.machine.at));
         if matches!(self.phase, Phase::Watching) {
             self.stats.checks += done(self) - before;
@@ -396,11 +424,36 @@ impl Axis {
 
     /// Looks ahead for the check that finds an error, and for the index mark.
     fn look(&mut self) {
-        self.found = self.ahead();
-        self.mark = None;
+        (self.again, self.ahead, self.mark) = (None, None, None);
+        self.found = self.next_found();
         if self.seeks || self.index.is_some_and(|known| self.miscounted().is_some_and(|counts| counts != known)) {
-            self.mark = self.machine.clone().walk(Instant::NEVER, index_mark);
+            self.mark = self.first(true, index_mark);
         }
+    }
+
+    /// The first instant from now on that `watch` finds, in a train or at rest too, if nothing more happens.
+    ///
+    /// A rotor that swings is looked at until its trains are over, and without one for [`AHEAD`] substeps; then again.
+    fn first(
+        &mut self,
+        at_rest: bool,
+        mut watch: impl FnMut(&Machine, &Stretch<'_>) -> Option<Instant>,
+    ) -> Option<Instant> {
+        let mut machine = self.machine.clone();
+        let end = machine.end().filter(|_| machine.plant.can_swing());
+        let (mut substeps, mut again) = (0, None);
+        let found = machine.walk(end.unwrap_or(Instant::NEVER), |machine, stretch| {
+            let found = watch(machine, stretch);
+            substeps += u32::from(stretch.path.is_some());
+            again = (found.is_none() && substeps > AHEAD).then(|| stretch.times().1);
+            found.or(again)
+        });
+        if found.is_none() && end.is_some() {
+            self.ahead = Some(machine);
+            again = end.filter(|_| at_rest);
+        }
+        self.again = self.again.into_iter().chain(again).min();
+        found.filter(|_| again.is_none())
     }
 
     fn miscounted(&self) -> Option<i64> {
@@ -423,7 +476,8 @@ impl Axis {
         }
     }
 
-    fn ahead(&self) -> Option<Instant> {
+    /// When a check finds an error.
+    fn next_found(&mut self) -> Option<Instant> {
         let (checks, least) = match self.phase {
             Phase::Watching => (self.control.checks()?, self.control.least),
             Phase::Adding { stop, .. } if self.control.mode != Mode::Open => {
@@ -438,8 +492,7 @@ impl Axis {
         let counted = self.machine.counted();
         let skew = self.counter.total(counted).wrapping_sub(counted);
         let watch = Watch { checks, reckoning: self.reckoning, skew, least };
-        let mut machine = self.machine.clone();
-        machine.walk(Instant::NEVER, |machine, stretch| watch.first(machine, stretch))
+        self.first(matches!(checks, Checks::Nanos(_)), |machine, stretch| watch.first(machine, stretch))
     }
 
     const fn enter(&mut self, phase: Phase) {

@@ -31,13 +31,16 @@ pub(crate) struct Run {
     /// How far the pulses have come, in units: a pulse is `pulse` of them.
     pub(crate) reached: i64,
     pulse: i64,
+    /// The time of a unit.
+    seconds: f64,
 }
 
 impl Run {
     pub(crate) fn new(train: &Train, sense: i64, extra: bool, lost: bool, pulse: i64) -> Self {
         let count = train.count.min(MOST);
         let (ticks, hz) = (train.ticks(), train.hz());
-        Self { ticks, count, first: train.first, end: ticks.at(count), sense, hz, extra, lost, reached: 0, pulse }
+        let (first, end, seconds) = (train.first, ticks.at(count), 1.0 / (hz * pulse as f64));
+        Self { ticks, count, first, end, sense, hz, extra, lost, reached: 0, pulse, seconds }
     }
 
     pub(crate) const fn count(&self) -> i64 {
@@ -85,6 +88,33 @@ impl Run {
         let whole = i128::from(end.since(begin).as_nanos().max(1));
         let part = i128::from(t.since(begin).as_nanos()) * i128::from(self.pulse) / whole;
         n * self.pulse + part.min(self.pulse.into()) as i64
+    }
+
+    /// How long it takes from one place to another, in seconds.
+    pub(crate) fn seconds(&self, from: i64, to: i64) -> f64 {
+        if to > (self.count() - 1) * self.pulse && self.end < self.ticks.at(self.count) {
+            // The next train comes early.
+            return self.when(to).since(self.when(from)).as_secs_f64();
+        }
+        (to - from) as f64 * self.seconds
+    }
+
+    /// Where the substep ends that begins at this place: at most so many nanoseconds and units on, and on a grid that
+    /// every pulse begins on, or every so many pulses.
+    pub(crate) fn substep(&self, place: i64, nanos: i64, units: i64) -> i64 {
+        // A rate in whole nanoseconds is not exact.
+        let most = ((nanos as f64 * 1e-9 / self.seconds * (1.0 + 1e-9)) as i64).min(units).max(1);
+        if most >= self.pulse {
+            let way = most / self.pulse * self.pulse;
+            return (place / way + 1) * way;
+        }
+        let parts = (self.pulse + most - 1) / most;
+        let (pulses, beyond) = (place / self.pulse, place % self.pulse);
+        let mut part = beyond * parts / self.pulse + 1;
+        if part * self.pulse / parts <= beyond {
+            part += 1;
+        }
+        pulses * self.pulse + part * self.pulse / parts
     }
 
     /// About when they have come so far.

@@ -11,6 +11,10 @@
 //! stand or move evenly, in few pieces, so where they are at an instant is a formula, and the first check that finds an
 //! error is found by arithmetic. Quiet checks are counted and not run. So finer microsteps cost nothing.
 //!
+//! A rotor that swings is integrated in substeps, but only while it swings; then it is locked to the field, and all of
+//! this holds again. It is looked ahead until the train ends; at rest, and with a loop that looks there too, for a
+//! second. Then a deadline looks on.
+//!
 //! # Driving it
 //!
 //! An [`Axis`] is told its trains at the beginning of each segment. When its loop finds an error, it stops the train by
@@ -29,6 +33,7 @@ mod rotor;
 mod scale;
 mod search;
 mod settings;
+mod swing;
 mod timer;
 mod watch;
 

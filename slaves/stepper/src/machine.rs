@@ -11,6 +11,7 @@ use crate::encoder::{Channels, Encoder};
 use crate::plant::{Piece, Plant};
 use crate::scale::Scale;
 use crate::settings::{AxisSettings, Sensor};
+use crate::swing::Path;
 
 #[derive(Clone, Debug)]
 pub(crate) struct Machine {
@@ -36,17 +37,59 @@ pub(crate) struct Machine {
     pub(crate) worst_paused: i64,
 }
 
-/// A time in which the sensor stands or moves evenly.
+/// A time in which the sensor stands or moves evenly, or goes through a substep of a rotor that swings.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Stretch<'a> {
-    pub(crate) begin: Instant,
-    pub(crate) end: Instant,
+    /// It begins not before, and ends not after that: see [`Self::times`].
+    begin: Instant,
+    end: Instant,
     /// The train under way, and how far it comes, in units.
     pub(crate) run: Option<(&'a Run, i64, i64)>,
     /// Where the sensor is at the beginning.
     pub(crate) sensed: i64,
     /// How the sensor moves while the train goes a unit: 1, 0 or −1.
     pub(crate) slope: i64,
+    /// The rotor swings: this tells where the sensor is, which at the end is at [`Self::sensed`].
+    pub(crate) path: Option<Path>,
+}
+
+impl Stretch<'_> {
+    /// Where it begins and ends: in units of the train, or in nanoseconds without one.
+    pub(crate) fn places(&self) -> (i64, i64) {
+        self.run.map_or((place(self.begin), place(self.end)), |(_, from, to)| (from, to))
+    }
+
+    /// About when it has come to a place.
+    pub(crate) fn instant(&self, place: i64) -> Instant {
+        self.run.map_or(Instant::from_nanos(place.unsigned_abs()), |(run, ..)| run.when(place))
+    }
+
+    /// When it begins and ends.
+    pub(crate) fn times(&self) -> (Instant, Instant) {
+        let Some((run, from, to)) = self.run else { return (self.begin, self.end) };
+        let end = if self.path.is_some() { run.when(to).min(self.end) } else { self.end };
+        (run.when(from).max(self.begin), end)
+    }
+
+    /// The first place at which the sensor of a rotor that swings is where it is to be, if it is so at the end.
+    pub(crate) fn first_place(&self, machine: &Machine, is_there: impl Fn(i64) -> bool) -> Option<i64> {
+        let path = self.path.filter(|path| is_there(machine.senses(path, self.places().1)))?;
+        let (mut before, mut there) = self.places();
+        while there - before > 1 {
+            let middle = before + (there - before) / 2;
+            if is_there(machine.senses(&path, middle)) {
+                there = middle;
+            } else {
+                before = middle;
+            }
+        }
+        Some(there)
+    }
+}
+
+/// An instant as a place on a path without a train.
+fn place(at: Instant) -> i64 {
+    i64::try_from(at.as_nanos()).unwrap_or(i64::MAX)
 }
 
 impl Machine {
@@ -72,12 +115,29 @@ impl Machine {
 
     /// What the encoder measures, in units.
     pub(crate) const fn sensed(&self) -> i64 {
-        if self.on_motor { self.plant.mechanics.rotor } else { self.plant.mechanics.carriage }
+        self.plant.mechanics.sensed(self.on_motor)
+    }
+
+    /// What it measures at a place of this path.
+    pub(crate) fn senses(&self, path: &Path, place: i64) -> i64 {
+        path.at(place, &self.plant.mechanics).sensed(self.on_motor)
+    }
+
+    /// Something changes what moves the rotor.
+    pub(crate) fn disturb(&mut self, change: impl FnOnce(&mut Plant)) {
+        self.plant.disturb(change);
+        self.note_deviation(0);
     }
 
     /// What the encoder has counted.
     pub(crate) const fn counted(&self) -> i64 {
         self.encoder.counted(self.sensed())
+    }
+
+    /// From now on every `every`th pulse is lost; 0 heals.
+    pub(crate) fn skip(&mut self, every: u32) {
+        self.drive.skip(every, self.run.as_ref());
+        self.plant.release();
     }
 
     /// The program's pulses, with what is under way of one, less the carriage: in units.
@@ -92,8 +152,12 @@ impl Machine {
         (self.worst, self.worst_paused) = (0, 0);
     }
 
-    /// Notes the deviation, which has grown by so much while everything has moved evenly: it is largest at the ends.
+    /// Notes the deviation, which has grown by so much while everything has moved evenly: it is largest at the ends. In
+    /// the midst of a substep it is not noted, so that it matters not how time is cut.
     pub(crate) fn note_deviation(&mut self, grown: i64) {
+        if self.plant.substep_end().is_some() {
+            return;
+        }
         let now = self.deviation();
         let moves = self.run.is_some_and(|run| !run.extra);
         let worst = if moves { &mut self.worst } else { &mut self.worst_paused };
@@ -121,6 +185,11 @@ impl Machine {
         }
     }
 
+    /// When the trains are over.
+    pub(crate) fn end(&self) -> Option<Instant> {
+        self.next.or(self.run).map(|run| run.end)
+    }
+
     /// Pulses come from now on, instead of those that have not begun.
     pub(crate) fn feed(&mut self, train: &Train, sense: i64, extra: bool) {
         self.cut();
@@ -129,8 +198,11 @@ impl Machine {
         if next.count() == 0 {
             return;
         }
-        if let Some(run) = &mut self.run {
-            run.end = run.end.min(next.first.max(self.at));
+        if let Some(run) = &mut self.run
+            && next.first < run.end
+        {
+            run.end = next.first.max(self.at);
+            self.plant.release();
         }
         self.next = Some(next);
     }
@@ -142,6 +214,11 @@ impl Machine {
             && !run.cut(self.at)
         {
             self.run = None;
+        }
+        if let Some(run) = &self.run
+            && self.plant.substep_end() > Some(run.count() * self.scale.pulse)
+        {
+            self.plant.release();
         }
     }
 
@@ -182,11 +259,15 @@ impl Machine {
             let Some(mut run) = self.run else {
                 let next = self.next.filter(|next| next.first <= until);
                 let end = next.map_or(until, |next| next.first.max(self.at));
-                if end > self.at {
+                while end > self.at {
                     // No train has followed at once.
                     self.plant.stand();
                     self.note_deviation(0);
-                    let idle = Stretch { begin: self.at, end, run: None, sensed: self.sensed(), slope: 0 };
+                    let begin = self.at;
+                    let moved = self.plant.idle(place(begin), place(end));
+                    let end = moved.map_or(end, |(place, _)| Instant::from_nanos(place.unsigned_abs()));
+                    let path = moved.map(|(_, path)| path);
+                    let idle = Stretch { begin, end, run: None, sensed: self.sensed(), slope: 0, path };
                     let found = watch(self, &idle);
                     if found.is_some() {
                         return found;
@@ -218,11 +299,14 @@ impl Machine {
     pub(crate) fn edges(mut self, until: Instant) -> Vec<(Instant, Channels)> {
         let (encoder, mut passed) = (self.encoder, self.encoder.passed(self.sensed()));
         let mut edges = Vec::new();
-        self.walk(until, |_, stretch| {
+        self.walk(until, |machine, stretch| {
             // A slide passes many edges at once.
             while passed != encoder.passed(stretch.sensed) {
-                passed += (encoder.passed(stretch.sensed) - passed).signum();
-                edges.push((stretch.begin, encoder.channels(passed)));
+                let step = (encoder.passed(stretch.sensed) - passed).signum();
+                passed += step;
+                let crossed = stretch.first_place(machine, |sensed| step * encoder.passed(sensed) >= step * passed);
+                let at = crossed.map_or_else(|| stretch.times().0, |place| stretch.instant(place));
+                edges.push((at, encoder.channels(passed)));
             }
             let (run, from, to) = stretch.run.filter(|_| stretch.slope != 0)?;
             let mut reached = from;
@@ -250,18 +334,20 @@ impl Machine {
         let from = run.reached;
         let (lost, part) = self.drive.part(run);
         let most = part.min(to - from);
-        let Piece { units, rotor, carriage } =
-            if lost { Piece { units: most, rotor: false, carriage: false } } else { self.plant.piece(most) };
+        let Piece { units, rotor, carriage, path } = self.plant.piece(run, lost, part, most);
         let moves = if self.on_motor { rotor } else { carriage };
         let slope = if moves { run.sense } else { 0 };
         run.reached += units;
-        let end = if run.reached == to { until.min(run.end) } else { run.when(run.reached) };
+        // Where there is a substep at every place, when that is is reckoned only if it matters.
+        let end = if run.reached == to || path.is_some() { until.min(run.end) } else { run.when(run.reached) };
         let sensed = self.sensed() - slope * units;
-        let stretch = Stretch { begin: self.at, end, run: Some((run, from, run.reached)), sensed, slope };
+        let stretch = Stretch { begin: self.at, end, run: Some((run, from, run.reached)), sensed, slope, path };
         let found = watch(self, &stretch);
-        self.at = end;
+        if path.is_none() {
+            self.at = end;
+        }
         self.run = Some(*run);
-        let asked = if run.extra { 0 } else { run.sense * units };
+        let asked = if run.extra || path.is_some() { 0 } else { run.sense * units };
         let moved = if carriage { run.sense * units } else { 0 };
         self.note_deviation(asked - moved);
         found

@@ -22,6 +22,11 @@ impl Mechanics {
         Self { rotor: 0, carriage: 0, backlash, shift: 0, stops: bed, bed, flank: 0 }
     }
 
+    /// What an encoder measures: on the motor's shaft, or on the carriage.
+    pub(crate) const fn sensed(&self, on_motor: bool) -> i64 {
+        if on_motor { self.rotor } else { self.carriage }
+    }
+
     /// How far the rotor can turn in this sense until the carriage meets a stop.
     pub(crate) fn room(&self, sense: i64) -> i64 {
         let screw = self.rotor + self.shift;

@@ -1,12 +1,16 @@
 //! The plant: the field turns the rotor, the rotor the screw, the screw moves the carriage.
 //!
 //! While the field moves one way at a constant rate, all of them stand or move evenly. A piece is as long as none of
-//! them changes between the two.
+//! them changes between the two. While the rotor swings, a piece is at most a substep.
 
+use core::f64::consts::TAU;
+
+use crate::drive::Run;
 use crate::mechanics::Mechanics;
 use crate::rotor::{Grip, Load, Next, start_limit, torque};
 use crate::scale::Scale;
 use crate::settings::AxisSettings;
+use crate::swing::{Forces, Path, SUBSTEP_NS, Step, Swing};
 
 /// A motor with what it moves. Lengths are in units.
 #[derive(Clone, Copy, Debug)]
@@ -15,6 +19,8 @@ pub(crate) struct Plant {
     field: i64,
     turn: i64,
     grip: Grip,
+    /// The largest torque of the field.
+    torque: f64,
     /// The speed of the field in mm/s, and its sense.
     speed: f64,
     sense: i64,
@@ -28,16 +34,38 @@ pub(crate) struct Plant {
     stalled: bool,
     /// The field runs away from the rotor.
     out_of_step: bool,
+    /// None: the rotor is in closed form.
+    swing: Option<Swing>,
+    /// The substep under way of one that swings.
+    step: Option<Step>,
+    /// An electrical turn in mm.
+    turn_mm: f64,
 }
 
 /// What moves with the field in a piece.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct Piece {
     /// How far the field moves.
     pub(crate) units: i64,
     pub(crate) rotor: bool,
     pub(crate) carriage: bool,
+    /// They swing instead.
+    pub(crate) path: Option<Path>,
 }
+
+/// What a rotor does that can swing.
+#[derive(Clone, Copy, Debug)]
+enum Gait {
+    /// It is locked to the field.
+    Follow,
+    /// It stands while the field moves so far.
+    Stand(i64),
+    /// It swings, and turns so fast, in rad/s.
+    Swing(f64),
+}
+
+/// A substep is at most such a share of an electrical turn of the field.
+const SUBSTEPS_OF_A_TURN: i64 = 16;
 
 impl Plant {
     pub(crate) fn new(settings: &AxisSettings, scale: &Scale) -> Self {
@@ -48,6 +76,7 @@ impl Plant {
             field: 0,
             turn: scale.turn,
             grip: Grip::stuck(scale.turn),
+            torque: 1.0,
             speed: 0.0,
             sense: 1,
             corner: motor.corner_mm_per_s,
@@ -58,31 +87,37 @@ impl Plant {
             supply: 1.0,
             stalled: false,
             out_of_step: false,
+            swing: Swing::new(motor),
+            step: None,
+            turn_mm: scale.turn as f64 / scale.pulse as f64 * scale.pulse_mm(),
         };
-        plant.grip = plant.grip_now();
+        plant.take_hold();
         plant
     }
 
-    fn grip_now(&self) -> Grip {
-        if self.stalled || self.out_of_step {
-            return Grip::stuck(self.turn);
-        }
-        Grip::new(self.turn, self.supply * torque(self.speed, self.corner), self.load)
+    /// How the field holds the rotor from now on.
+    fn take_hold(&mut self) {
+        self.torque = self.supply * torque(self.speed, self.corner);
+        self.grip = match self.stalled || self.out_of_step {
+            true => Grip::stuck(self.turn),
+            false => Grip::new(self.turn, self.torque, self.load),
+        };
     }
 
     /// Whether the rotor would not follow a jump of the speed by so much, in mm/s.
     fn loses(&self, jump: f64) -> bool {
         let load = self.load.friction + self.sense as f64 * self.load.push;
-        self.start > 0.0 && jump > self.start * start_limit(load)
+        self.swing.is_none() && self.start > 0.0 && jump > self.start * start_limit(load)
     }
 
     /// The field moves at this speed from now on, which is another one by `jump`.
     pub(crate) fn run(&mut self, sense: i64, speed: f64, jump: f64) {
+        self.release();
         // One that stands has to be taken along as from rest.
         let jump = if self.grip.holds_not(sense) { speed } else { jump };
         (self.sense, self.speed) = (sense, speed);
         self.out_of_step = self.loses(jump);
-        self.grip = self.grip_now();
+        self.take_hold();
         self.rest();
     }
 
@@ -91,20 +126,22 @@ impl Plant {
         if self.speed == 0.0 {
             return;
         }
+        self.release();
         self.speed = 0.0;
         self.out_of_step = false;
-        self.grip = self.grip_now();
+        self.take_hold();
         self.rest();
     }
 
     /// Changes what loads the rotor.
     pub(crate) fn disturb(&mut self, change: impl FnOnce(&mut Self)) {
         let held = self.grip.holds_not(self.sense);
+        self.release();
         change(self);
-        self.grip = self.grip_now();
+        self.take_hold();
         if held && !self.grip.holds_not(self.sense) && self.loses(self.speed) {
             self.out_of_step = true;
-            self.grip = self.grip_now();
+            self.take_hold();
         }
         // A push beyond friction holds the carriage against a flank.
         let Load { friction, push } = self.load;
@@ -115,6 +152,11 @@ impl Plant {
 
     pub(crate) fn stall(&mut self, stalled: bool) {
         self.stalled = stalled;
+        if let Some(swing) = &mut self.swing
+            && stalled
+        {
+            swing.speed = Some(0.0);
+        }
     }
 
     /// Friction of so many per mille of the holding torque instead of its own; 0: its own.
@@ -147,14 +189,31 @@ impl Plant {
 
     /// Without the field's motion the rotor goes to where it can stand.
     fn rest(&mut self) {
-        let way = self.grip.slide(self.lag());
-        if way != 0 {
-            self.mechanics.turn(way.clamp(-self.mechanics.room(-1), self.mechanics.room(1)));
+        if self.swing.is_none() {
+            self.mechanics.turn(self.way_to_rest());
         }
     }
 
-    /// The field moves by at most so many units, as far as a piece goes.
-    pub(crate) fn piece(&mut self, most: i64) -> Piece {
+    /// How far that is.
+    fn way_to_rest(&self) -> i64 {
+        match self.grip.slide(self.lag()) {
+            0 => 0,
+            way => way.clamp(-self.mechanics.room(-1), self.mechanics.room(1)),
+        }
+    }
+
+    /// The train goes on by at most `most` units, as far as a piece goes. The drive does, or does not, take the next
+    /// `part` of them, which are at least as many.
+    pub(crate) fn piece(&mut self, run: &Run, lost: bool, part: i64, most: i64) -> Piece {
+        match self.swing {
+            Some(swing) => self.swinging(swing, run, lost, part, most),
+            None if lost => Piece { units: most, rotor: false, carriage: false, path: None },
+            None => self.rigid(most),
+        }
+    }
+
+    /// The same of a rotor in closed form.
+    fn rigid(&mut self, most: i64) -> Piece {
         let (sense, mechanics) = (self.sense, &mut self.mechanics);
         loop {
             let (room, behind) = (mechanics.room(sense), mechanics.room(-sense));
@@ -163,18 +222,174 @@ impl Plant {
                 Next::Stand(units) => {
                     let units = units.min(most);
                     self.field += sense * units;
-                    return Piece { units, rotor: false, carriage: false };
+                    return Piece { units, rotor: false, carriage: false, path: None };
                 }
-                Next::Follow => {
-                    let gap = mechanics.gap(sense);
-                    let carriage = gap == 0;
-                    let units = if carriage { most.min(room) } else { most.min(room).min(gap) };
-                    self.field += sense * units;
-                    mechanics.rotor += sense * units;
-                    mechanics.carriage += if carriage { sense * units } else { 0 };
-                    return Piece { units, rotor: true, carriage };
+                Next::Follow => return self.follow(most.min(room)),
+            }
+        }
+    }
+
+    /// Rotor and field move together by at most `most` units.
+    fn follow(&mut self, most: i64) -> Piece {
+        let (sense, mechanics) = (self.sense, &mut self.mechanics);
+        let gap = mechanics.gap(sense);
+        let carriage = gap == 0;
+        let units = if carriage { most } else { most.min(gap) };
+        self.field += sense * units;
+        mechanics.rotor += sense * units;
+        mechanics.carriage += if carriage { sense * units } else { 0 };
+        Piece { units, rotor: true, carriage, path: None }
+    }
+
+    /// Units as radians of an electrical turn.
+    fn radians(&self, units: i64) -> f64 {
+        units as f64 * (TAU / self.turn as f64)
+    }
+
+    /// How fast the field turns, in rad/s.
+    fn field_speed(&self) -> f64 {
+        self.sense as f64 * self.speed / self.turn_mm * TAU
+    }
+
+    /// The substeps in which the rotor has been integrated.
+    pub(crate) fn substeps(&self) -> u64 {
+        self.swing.map_or(0, |swing| swing.substeps)
+    }
+
+    pub(crate) const fn can_swing(&self) -> bool {
+        self.swing.is_some()
+    }
+
+    /// Where the substep under way ends.
+    pub(crate) fn substep_end(&self) -> Option<i64> {
+        self.step.as_ref().map(|step| step.path.to)
+    }
+
+    /// Something changes: a substep under way ends here, and a rotor that is locked to the field is free.
+    pub(crate) fn release(&mut self) {
+        let field = self.field_speed();
+        if let Some(swing) = &mut self.swing {
+            let speed = self.step.take().map_or(swing.speed, |step| Some(step.speed()));
+            swing.speed = Some(speed.unwrap_or(field));
+        }
+    }
+
+    /// What the rotor does next if the field turns so fast, in rad/s.
+    fn gait(&mut self, swing: &mut Swing, field: f64) -> Gait {
+        let room = self.mechanics.room(self.sense);
+        let Some(speed) = swing.speed else {
+            if room > 0 && field == self.field_speed() {
+                return Gait::Follow;
+            }
+            // The carriage has met a stop, or the drive does not take a pulse.
+            swing.speed = Some(if room > 0 { self.field_speed() } else { 0.0 });
+            return self.gait(swing, field);
+        };
+        // Whether its speed is near enough is known at less cost than whether its place is.
+        let may_lock = swing.is_close(0.0, field - speed);
+        if field == 0.0 {
+            let way = if may_lock { self.way_to_rest() } else { i64::MAX };
+            if !swing.is_close(self.radians(way), speed) {
+                return Gait::Swing(speed);
+            }
+            self.mechanics.turn(way);
+            swing.speed = Some(0.0);
+            return Gait::Stand(i64::MAX);
+        }
+        if may_lock && let Some(lag) = self.grip.follows_at(self.sense) {
+            let way = self.lag() - lag;
+            let way = (way + self.turn / 2).rem_euclid(self.turn) - self.turn / 2;
+            if self.sense * way < room && swing.is_close(self.radians(way), field - speed) {
+                self.mechanics.turn(way);
+                swing.speed = None;
+                return Gait::Follow;
+            }
+        }
+        if speed == 0.0 {
+            let Load { friction, push } = self.load;
+            let held = match self.stalled {
+                true => self.grip,
+                false => Grip::new(self.turn, self.torque, Load { friction, push: push - swing.pull(field) }),
+            };
+            let behind = self.mechanics.room(-self.sense);
+            if let Next::Stand(units) = held.next(self.sense, self.lag(), room, behind) {
+                return Gait::Stand(units);
+            }
+        }
+        Gait::Swing(speed)
+    }
+
+    /// A substep begins, from one place to another in so many seconds, unless friction stops the rotor at once.
+    fn begin_step(&mut self, swing: &mut Swing, (from, to): (i64, i64), seconds: f64, speed: f64, field: f64) {
+        let forces = Forces { torque: self.torque, load: self.load, field };
+        let motion = swing.motion(&forces, self.radians(self.lag() % self.turn), speed, seconds);
+        let turned = libm::round(motion.turned / TAU * self.turn as f64) as i64;
+        let way = turned.clamp(-self.mechanics.room(-1), self.mechanics.room(1));
+        let end = if way == turned { motion.speed } else { 0.0 };
+        let to = if motion.share < 1.0 { from + libm::round(motion.share * (to - from) as f64) as i64 } else { to };
+        if to == from {
+            swing.speed = Some(0.0);
+        } else {
+            swing.substeps += 1;
+            self.step = Some(Step::new(Path::new(from, to, &self.mechanics, way), (speed, end)));
+        }
+    }
+
+    /// The substep under way goes on to a place, or to its end before that. Gives that place, and the path.
+    fn go_on(&mut self, swing: &mut Swing, place: i64) -> Option<(i64, Path)> {
+        let step = self.step.as_mut()?;
+        let path = step.path;
+        let place = place.min(path.to);
+        step.at = place;
+        self.mechanics = path.at(place, &self.mechanics);
+        if place == path.to {
+            swing.speed = Some(step.speed());
+            self.step = None;
+        }
+        Some((place, path))
+    }
+
+    /// What a rotor that can swing does in a train.
+    fn swinging(&mut self, mut swing: Swing, run: &Run, lost: bool, part: i64, most: i64) -> Piece {
+        let (from, field) = (run.reached, if lost { 0.0 } else { self.field_speed() });
+        let mut piece = Piece { units: most, rotor: false, carriage: false, path: None };
+        loop {
+            if let Some((place, path)) = self.go_on(&mut swing, from + most) {
+                (piece.units, piece.path) = (place - from, Some(path));
+                break;
+            }
+            match self.gait(&mut swing, field) {
+                Gait::Follow => {
+                    self.swing = Some(swing);
+                    return self.follow(most.min(self.mechanics.room(self.sense)));
+                }
+                Gait::Stand(units) => {
+                    piece.units = units.min(most);
+                    break;
+                }
+                Gait::Swing(speed) => {
+                    let to = run.substep(from, SUBSTEP_NS, self.turn / SUBSTEPS_OF_A_TURN).min(from + part);
+                    self.begin_step(&mut swing, (from, to), run.seconds(from, to), speed, field);
                 }
             }
         }
+        self.field += if lost { 0 } else { self.sense * piece.units };
+        self.swing = Some(swing);
+        piece
+    }
+
+    /// What it does without a train, from one instant to another or for a part of that: how far it comes, and how.
+    /// None: it stands.
+    pub(crate) fn idle(&mut self, from: i64, to: i64) -> Option<(i64, Path)> {
+        let mut swing = self.swing?;
+        let moved = loop {
+            if let Some(moved) = self.go_on(&mut swing, to) {
+                break Some(moved);
+            }
+            let Gait::Swing(speed) = self.gait(&mut swing, 0.0) else { break None };
+            self.begin_step(&mut swing, (from, from + SUBSTEP_NS), SUBSTEP_NS as f64 / 1e9, speed, 0.0);
+        };
+        self.swing = Some(swing);
+        moved
     }
 }

@@ -97,6 +97,14 @@ impl Grip {
         }
     }
 
+    /// The lag at which the rotor follows in this sense, if it does.
+    pub(crate) const fn follows_at(&self, sense: i64) -> Option<i64> {
+        match self.mirrored(sense) {
+            Hold::Both { ahead, .. } | Hold::Ahead(ahead) => Some(sense * ahead),
+            Hold::Stuck | Hold::Back(_) | Hold::Away(_) => None,
+        }
+    }
+
     /// The same with the senses exchanged.
     const fn mirrored(&self, sense: i64) -> Hold {
         match self.hold {

@@ -25,8 +25,8 @@ settings! {
 }
 
 settings! {
-    /// The stepper motor, with a rotor in closed form: without inertia, it follows the field with the play that
-    /// friction leaves it.
+    /// The stepper motor. Its rotor swings, or is in closed form: without inertia, it follows the field with the play
+    /// that friction leaves it.
     pub struct MotorSettings {
         /// Full steps a revolution: 1.8°. Four of them are an electrical turn.
         full_steps: u32 = 200, 4..=2_000, "", "paper";
@@ -34,11 +34,15 @@ settings! {
         friction: f64 = 0.05, 0.0..=10.0, "", "ours";
         /// The speed v_c at which the torque has fallen to 1/√2: q(v) = 1/√(1 + (v/v_c)²); 0: it does not fall.
         corner_mm_per_s: f64 = 50.0, 0.0..=10_000.0, "mm/s", "ours";
-        /// The largest jump of the speed that the motor follows without load; 0: any. By default that of a rotor which
-        /// swings at 150 Hz.
+        /// The largest jump of the speed that a motor in closed form follows without load; 0: any. By default that of
+        /// a rotor which swings at 150 Hz.
         start_mm_per_s: f64 = 28.0, 0.0..=10_000.0, "mm/s", "ours";
-        /// The frequency at which the rotor swings. So far there is none but the rigid one: 0.
-        rotor_hz: f64 = 0.0, 0.0..=0.0, "Hz", "ours";
+        /// The frequency at which the rotor swings about the field without load; 0: it is in closed form.
+        rotor_hz: f64 = 0.0, 0.0..=400.0, "Hz", "ours: 150";
+        /// ζ: the damping of a rotor that swings.
+        damping: f64 = 0.1, 0.0..=2.0, "", "ours";
+        /// A rotor that hardly swings is locked to the field; without that, it is integrated for ever, to compare.
+        lock: bool = true, false..=true, "", "ours";
     }
 }
 

@@ -64,11 +64,11 @@ impl Watch {
             (Checks::Nanos(nanos), _) => self.first_of_period(machine, stretch, nanos.max(1)),
             (Checks::Pulses(every), Some((run, from, to))) if !run.extra => {
                 let series = series(machine, stretch, (run, from, to), machine.issued, every.max(1))?;
-                self.first_of(machine, &series).map(|n| run.tick(n))
+                self.first_of(machine, stretch, &series).map(|n| run.tick(n))
             }
             (Checks::Added(every), Some((run, from, to))) if run.extra => {
                 let series = series(machine, stretch, (run, from, to), 0, every.max(1))?;
-                self.first_of(machine, &series).map(|n| run.tick(n))
+                self.first_of(machine, stretch, &series).map(|n| run.tick(n))
             }
             _ => None,
         }
@@ -98,9 +98,16 @@ impl Watch {
     }
 
     /// The pulses of the train at the first check that finds an error.
-    fn first_of(&self, machine: &Machine, series: &Series) -> Option<i64> {
+    fn first_of(&self, machine: &Machine, stretch: &Stretch<'_>, series: &Series) -> Option<i64> {
         let encoder = &machine.encoder;
         let Series { count, first, every, program, sensed } = *series;
+        if let Some(path) = &stretch.path {
+            // There are few in a substep.
+            return (0..count).map(|i| first + i * every).zip(0..).find_map(|(n, i)| {
+                let sensed = machine.senses(path, n * machine.scale.pulse);
+                self.finds(encoder, program.0 + i * program.1, sensed).then_some(n)
+            });
+        }
         let at = |i: i64| (program.0 + i * program.1, sensed.0 + i * sensed.1);
         if self.is_quiet(encoder, [at(0), at(count - 1)], 0) {
             return None;
@@ -131,16 +138,26 @@ impl Watch {
 
     /// The same of checks at each multiple of so many nanoseconds.
     fn first_of_period(&self, machine: &Machine, stretch: &Stretch<'_>, nanos: u64) -> Option<Instant> {
-        let (begin, end) = (stretch.begin.as_nanos(), stretch.end.as_nanos());
+        let (begin, end) = stretch.times();
+        let (begin, end) = (begin.as_nanos(), end.as_nanos());
         let encoder = &machine.encoder;
         let mut ticks = (begin / nanos + 1..=end / nanos).map(|n| Instant::from_nanos(n * nanos));
         let Some((run, from, to)) = stretch.run else {
-            return ticks.next().filter(|_| self.finds(encoder, machine.program, stretch.sensed));
+            let sensed = |tick: Instant| match &stretch.path {
+                Some(path) => machine.senses(path, tick.as_nanos().cast_signed()),
+                None => stretch.sensed,
+            };
+            // Where nothing moves, the first one is as good as any.
+            let most = if stretch.path.is_some() { usize::MAX } else { 1 };
+            return ticks.take(most).find(|tick| self.finds(encoder, machine.program, sensed(*tick)));
         };
         let sense = if run.extra { 0 } else { run.sense };
         let completed = |reached: i64| machine.program + sense * (reached / machine.scale.pulse);
-        let place = |reached: i64| (completed(reached), stretch.sensed + stretch.slope * (reached - from));
-        if self.is_quiet(encoder, [place(from), place(to)], self.reckoning.pulse_pm) {
+        let place = |reached: i64| {
+            let even = || stretch.sensed + stretch.slope * (reached - from);
+            (completed(reached), stretch.path.as_ref().map_or_else(even, |path| machine.senses(path, reached)))
+        };
+        if stretch.path.is_none() && self.is_quiet(encoder, [place(from), place(to)], self.reckoning.pulse_pm) {
             return None;
         }
         ticks.find(|tick| {
@@ -152,6 +169,14 @@ impl Watch {
 
 /// When an index mark is passed in this stretch.
 pub(crate) fn index_mark(machine: &Machine, stretch: &Stretch<'_>) -> Option<Instant> {
+    if let Some(path) = &stretch.path {
+        let (from, to) = stretch.places();
+        let [begin, end] = [from, to].map(|place| machine.senses(path, place));
+        let sense = if end > begin { 1 } else { -1 };
+        let mark = begin + sense * machine.encoder.index_ahead(begin, sense);
+        let place = stretch.first_place(machine, |sensed| sense * sensed >= sense * mark)?;
+        return Some(stretch.instant(place).next());
+    }
     let (run, from, to) = stretch.run.filter(|_| stretch.slope != 0)?;
     let way = machine.encoder.index_ahead(stretch.sensed, stretch.slope);
     // The last place before the mark, or the first one on it, is not known better than to a nanosecond.

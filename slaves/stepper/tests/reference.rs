@@ -5,7 +5,7 @@ mod common;
 use common::slow::Slow;
 use common::{Bench, MM};
 use proptest::prelude::*;
-use torno_stepper::{AxisSettings, Channel, CountScale, Fault, Mode, Sensor};
+use torno_stepper::{AxisSettings, Channel, CountScale, Fault, Law, Mode, Sensor};
 
 fn settings() -> impl Strategy<Value = AxisSettings> {
     (
@@ -95,13 +95,16 @@ proptest! {
     /// However often it is told that nothing happens, and asked where it is.
     #[test]
     fn however_time_is_cut_the_same_comes_out(
-        settings in settings(),
+        mut settings in settings(),
+        (rotor_hz, damping) in prop_oneof![Just((0.0, 0.1)), Just((150.0, 0.1)), (20.0..400.0, 0.01..0.5)],
+        law in prop_oneof![3 => Just(Law::Pause), 1 => Just(Law::AtOnce)],
         mm in -1.5..1.5,
         speed in 0.5..25.0,
         (begin, end) in fault(),
         (at, lasts) in (0.0..400.0, 0.5..120.0),
         cuts in prop::collection::vec(0.0..600.0, 0..40),
     ) {
+        (settings.motor.rotor_hz, settings.motor.damping, settings.control.law) = (rotor_hz, damping, law);
         let mut whole = Bench::new(&settings);
         whole.fault(at, begin).fault(at + lasts, end);
         let mut cut = whole.clone();

@@ -86,6 +86,10 @@ pub(crate) struct Bench<A = Axis> {
     next: Instant,
     planned: i64,
     ended: bool,
+    /// In mm/s².
+    pub(crate) acceleration: f64,
+    /// Ramps gain speed from pulse to pulse, instead of every 5 ms.
+    pub(crate) smooth: bool,
     pub(crate) faults: VecDeque<(Instant, Fault)>,
 }
 
@@ -136,6 +140,8 @@ impl<A: Driven> Bench<A> {
             next: Instant::START,
             planned: 0,
             ended: true,
+            acceleration: ACCELERATION,
+            smooth: false,
             faults: VecDeque::new(),
         }
     }
@@ -157,6 +163,14 @@ impl<A: Driven> Bench<A> {
         self
     }
 
+    /// Waits while faults come.
+    pub(crate) fn wait(&mut self, ms: f64) -> &mut Self {
+        let until = self.now + Span::from_nanos((ms * 1e6).round() as u64);
+        self.run();
+        self.now = self.now.max(until);
+        self
+    }
+
     pub(crate) fn alarm(&self) -> Option<(Instant, Alarm)> {
         self.events.iter().find_map(|(at, event)| match event {
             Event::Alarm(alarm) => Some((*at, *alarm)),
@@ -173,10 +187,13 @@ impl<A: Driven> Bench<A> {
         }
         self.segments.clear();
         let left = (self.target - self.planned).unsigned_abs();
+        if self.smooth {
+            return self.plan_smooth(left);
+        }
         let step_s = STEP_MS as f64 / 1_000.0;
         let mut ramp = Vec::new();
         loop {
-            let speed = ACCELERATION * step_s * (ramp.len() as f64 + 0.5);
+            let speed = self.acceleration * step_s * (ramp.len() as f64 + 0.5);
             let count = (speed * step_s / self.pulse_mm).round().max(1.0) as u64;
             let all = ramp.iter().map(|segment: &Segment| segment.count).sum::<u64>() + count;
             if speed >= self.speed || 2 * all > left {
@@ -189,7 +206,7 @@ impl<A: Driven> Bench<A> {
             // It may not get as fast as it ought to.
             Some(last) if 2 * (ramped + last.count) > left => last.per as f64 / step_s * self.pulse_mm,
             Some(_) => self.speed,
-            None => self.speed.min(ACCELERATION * step_s),
+            None => self.speed.min(self.acceleration * step_s),
         };
         let cruise = left - 2 * ramped;
         self.segments.extend(ramp.iter());
@@ -200,13 +217,36 @@ impl<A: Driven> Bench<A> {
         self.segments.extend(ramp.iter().rev());
     }
 
+    fn plan_smooth(&mut self, left: u64) {
+        let at = |pulses: u64| (2.0 * pulses as f64 * self.pulse_mm / self.acceleration).sqrt();
+        let fast = (self.speed * self.speed / 2.0 / self.acceleration / self.pulse_mm).floor() as u64;
+        let ramp = (0..fast.min(left / 2)).map(|n| {
+            let nanos = ((at(n + 1) - at(n)) * 1e9).round() as u64;
+            Segment { nanos, per: 1, count: 1 }
+        });
+        let ramp: Vec<_> = ramp.collect();
+        let count = left - 2 * ramp.len() as u64;
+        let nanos = ((self.pulse_mm / self.speed * 1e9).round() as u64).max(ramp.last().map_or(0, |last| last.nanos));
+        self.segments.extend(ramp.iter());
+        if count > 0 {
+            self.segments.push_back(Segment { nanos: nanos * count, per: count, count });
+        }
+        self.segments.extend(ramp.iter().rev());
+    }
+
     fn run(&mut self) {
         let rest = Span::from_millis(30);
+        // A loop may hunt for ever.
+        let way = (self.target - self.axis.issued(self.now)) as f64 * self.pulse_mm;
+        let most = self.now + ms(60_000.0 + 2_000.0 * (way / self.speed.max(0.1)).abs()).since(Instant::START);
         loop {
             let deadline = self.axis.deadline();
             let fault = self.faults.front().map(|(at, _)| *at);
             let segment = (self.axis.is_ready() && !self.ended).then_some(self.next);
             let Some(at) = [fault, deadline, segment].into_iter().flatten().min() else { break };
+            if at > most {
+                break;
+            }
             self.now = at.max(self.now);
             if fault == Some(at) {
                 let (_, fault) = self.faults.pop_front().unwrap();
