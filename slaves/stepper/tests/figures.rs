@@ -284,45 +284,6 @@ fn a_reference_ends_an_alarm() {
     assert!(bench.events.is_empty() && bench.deviation_mm().abs() <= 0.0015);
 }
 
-/// 200 shocks a row: a friction of 1.5 for 10 to 50 ms.
-#[test]
-fn a_dynamic_loop_has_the_same_error_at_every_speed() {
-    let rows = [(Mode::Open, 1.0), (Mode::Fixed, 1.0), (Mode::Fixed, 10.0), (Mode::Fixed, 50.0), (Mode::Dynamic, 1.0)];
-    let table = rows.map(|(mode, period_ms)| {
-        let settings = in_mode(mode, |axis| axis.control.period_ms = period_ms);
-        [1.0, 10.0, 25.0].map(|speed| {
-            let (mut worst, mut end, mut checks, mut seconds, mut alarms) = (0.0_f64, 0.0_f64, 0, 0.0, 0);
-            for k in 0..200 {
-                let k = f64::from(k);
-                let bench = shocked(&settings, speed, 150.0 + 0.7 * k, 10.0 + 0.2 * k);
-                if bench.alarm().is_some() {
-                    alarms += 1;
-                    continue;
-                }
-                (worst, end) = (worst.max(bench.worst_mm()), end.max(bench.deviation_mm().abs()));
-                (checks, seconds) = (checks + bench.stats().checks, seconds + bench.now.as_secs_f64() - 0.03);
-            }
-            let rate = checks as f64 / seconds;
-            println!("{mode} {period_ms} ms, {speed} mm/s: {worst:.4} mm, {rate:.0} checks/s, {alarms} alarms");
-            assert!(mode == Mode::Open || end <= 0.01, "{mode} {period_ms} {speed}: {end}");
-            (worst, rate, alarms)
-        })
-    });
-    let near = |n: usize, expected: [f64; 3]| {
-        assert!((0..3).all(|speed| (table[n][speed].0 / expected[speed] - 1.0).abs() < 0.2), "{:?}", table[n]);
-    };
-    near(0, [0.101, 0.50, 1.25]);
-    near(1, [0.016, 0.023, 0.038]);
-    near(2, [0.023, 0.111, 0.258]);
-    near(4, [0.023, 0.023, 0.023]);
-    let rates = table[4].map(|(_, rate, _)| rate);
-    assert!(
-        rates.iter().zip([100.0, 882.0, 1_532.0]).all(|(found, rate)| (found / rate - 1.0).abs() < 0.02),
-        "{rates:?}"
-    );
-    assert!(table[4].iter().all(|(worst, _, alarms)| *worst <= 0.030 && *alarms == 0));
-}
-
 #[test]
 fn the_papers_wording_corrects_without_stopping_for_long() {
     for speed in [1.0, 10.0, 25.0] {
