@@ -32,6 +32,7 @@ mod interrupt;
 mod log;
 mod machine;
 mod own_slave;
+mod page;
 mod part;
 mod pc_port;
 mod pins;

@@ -15,7 +15,7 @@ struct Crate {
     may_use: &'static [&'static str],
 }
 
-const CRATES: [Crate; 21] = [
+const CRATES: [Crate; 22] = [
     Crate { folder: "protocol", pure: true, may_use: &[] },
     Crate { folder: "protocol/gcode", pure: true, may_use: &[] },
     Crate { folder: "protocol/grbl", pure: true, may_use: &["protocol"] },
@@ -34,6 +34,8 @@ const CRATES: [Crate; 21] = [
     // It writes to whatever takes bytes, and reads from it.
     Crate { folder: "harness/trace", pure: false, may_use: &["protocol", "text", "engine", "bus"] },
     Crate { folder: "harness/identify", pure: true, may_use: &[] },
+    // It is a server: it knows requests and texts, and no rig.
+    Crate { folder: "harness/page", pure: false, may_use: &[] },
     Crate { folder: "harness/plot", pure: true, may_use: &["text"] },
     Crate { folder: "harness/servo", pure: true, may_use: &[] },
     Crate {
@@ -59,8 +61,8 @@ const CRATES: [Crate; 21] = [
         folder: "harness",
         pure: false,
         may_use: &[
-            "protocol", "gcode", "text", "engine", "bus", "trace", "machines", "identify", "part", "planner", "plot",
-            "servo",
+            "protocol", "gcode", "text", "engine", "bus", "trace", "machines", "identify", "page", "part", "planner",
+            "plot", "servo",
         ],
     },
 ];

@@ -16,6 +16,7 @@ pub mod kept;
 pub mod live;
 pub mod observe;
 pub mod pace;
+pub mod page;
 pub mod pins;
 pub mod planning;
 pub mod play;

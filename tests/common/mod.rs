@@ -2,6 +2,7 @@
 
 #![allow(clippy::disallowed_methods, reason = "patience has an end by the wall clock")]
 
+pub(crate) mod browser;
 pub(crate) mod clients;
 pub(crate) mod play;
 

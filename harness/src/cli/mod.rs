@@ -11,6 +11,7 @@ mod identify;
 mod join;
 mod options;
 mod output;
+mod page;
 mod replay;
 mod run;
 mod send;

@@ -1,6 +1,7 @@
 //! `torno up`
 
 use std::collections::BTreeMap;
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -11,6 +12,7 @@ use torno::fault::{self, FaultFile};
 use torno::kept::KeptFile;
 use torno::live::{Left, Live};
 use torno::pace::Pace;
+use torno::page::Page;
 use torno::rig::ProcessChange;
 use torno::rig::file::{DEFAULT, RigFile};
 use torno::scenario::seed_text;
@@ -19,7 +21,7 @@ use tracing::Instrument;
 
 use super::options::{Eeprom, Placement, keepers, write_kept};
 use super::ways::{Open, Ports, Ways, attach, paths};
-use super::{FAILED, INTERRUPTED, Interrupt, load_rig, print, rig_span, start_recording, wait_for_boards};
+use super::{FAILED, INTERRUPTED, Interrupt, load_rig, page, print, rig_span, start_recording, wait_for_boards};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -50,6 +52,13 @@ pub(super) struct Arguments {
     /// Where to put the socket that 'torno ctl' steers it by [default: beside the link, RIG-control]
     #[arg(long, value_name = "PATH")]
     control: Option<PathBuf>,
+    /// Serves a page that shows the rig and steers it, to whoever knows its address, which is printed; at a free port
+    /// of 127.0.0.1, unless an ADDRESS:PORT is given
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, require_equals = true, default_missing_value = "127.0.0.1:0")]
+    page: Option<SocketAddr>,
+    /// Opens the page in a browser
+    #[arg(long, requires = "page")]
+    browser: bool,
     /// Prints where everything is as one line of JSON, when the rig is ready; before it, one for --await; at the end,
     /// one that says how it was
     #[arg(long)]
@@ -67,6 +76,8 @@ struct Ready<'a> {
     #[serde(skip_serializing_if = "<[_]>::is_empty")]
     open: &'a [String],
     control: &'a Path,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    page: Option<&'a str>,
     pid: u32,
     boards: BTreeMap<&'a str, Board>,
 }
@@ -123,8 +134,14 @@ impl Arguments {
         }
         live.plan(&faults);
         live.ask_at_the_end(keepers(&kept_files));
+        let page = self.page.map(|address| page::open(address, &open.file, control.asker())).transpose()?;
+        if let Some(part) = open.file.part.as_ref().filter(|_| page.is_some()) {
+            live.turn(part);
+        }
         live.steer(control, header, names);
-        print(&announcement(&open, &live, &socket, self.pace, self.json)?)?;
+        let url = page.as_ref().map(Page::url);
+        print(&announcement(&open, &live, &socket, url, self.pace, self.json)?)?;
+        let _redirect = url.filter(|_| self.browser).map(page::browse).transpose()?;
         tokio::select! {
             ended = live.run() => match ended? {},
             () = interrupt.received() => {}
@@ -159,7 +176,14 @@ fn farewell(left: &Left, json: bool) -> String {
     format!("{incidents}{:<9}{virtual_s:.3} s virtual\n{:<9}{ENDED}\n", "time", "outcome")
 }
 
-fn announcement(open: &Open, live: &Live, control: &Path, pace: Pace, json: bool) -> anyhow::Result<String> {
+fn announcement(
+    open: &Open,
+    live: &Live,
+    control: &Path,
+    page: Option<&str>,
+    pace: Pace,
+    json: bool,
+) -> anyhow::Result<String> {
     let file = &open.file;
     let known = live.rig().nodes().iter().zip(&file.layout.boards).filter(|(_, board)| !board.is_gateway());
     let boards =
@@ -182,6 +206,7 @@ fn announcement(open: &Open, live: &Live, control: &Path, pace: Pace, json: bool
             open: &open.boards,
             ports: gateways().map(|(gateway, at)| (gateway.name.as_str(), port(at, gateway.baud))).collect(),
             control,
+            page,
             pid: std::process::id(),
             boards: boards.map(|(name, pid)| (name, Board { pid })).collect(),
         };
@@ -209,9 +234,11 @@ fn announcement(open: &Open, live: &Live, control: &Path, pace: Pace, json: bool
     }
     let usual = control == torno::port::default_folder().join(format!("{DEFAULT}-control"));
     let ctl = if usual { "torno ctl".to_owned() } else { format!("torno ctl --socket {}", control.display()) };
+    let page = page.map_or_else(String::new, |url| format!("page      {url}\n"));
     Ok(format!(
         "{} is up at pace {pace}: {}\n\
          {ports}\
+         {page}\
          look      {ctl} state\n\
          Ctrl-C ends it.\n",
         file.name,

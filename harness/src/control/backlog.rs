@@ -9,7 +9,7 @@ use tokio::sync::Notify;
 use crate::backlog::Backlog;
 
 /// So many bytes wait for a reader. (Ours: some 40 000 rows; whoever is further behind does not keep up.)
-const ROOM: usize = 4 << 20;
+pub(super) const ROOM: usize = 4 << 20;
 /// So many bytes are handed out at once, or one row that is longer.
 const HELPING: usize = 64 << 10;
 
@@ -32,16 +32,26 @@ pub struct Rows(Arc<Shared>);
 
 /// Where they come out.
 #[derive(Debug)]
-pub(super) struct ToTell(Arc<Shared>);
+pub struct ToTell(Arc<Shared>);
 
-/// A way for rows.
-pub(super) fn backlog() -> (Rows, ToTell) {
-    let backlog = Backlog::new(ROOM, |lost| format!("{}\n", json!({ "lost": lost })));
+/// The row that stands for so many lost ones.
+pub(super) fn lost(lost: u64) -> String {
+    format!("{}\n", json!({ "lost": lost }))
+}
+
+/// A way for rows: so many bytes wait at the most, and a note stands for those that are lost.
+pub fn backlog(room: usize, note: fn(u64) -> String) -> (Rows, ToTell) {
+    let backlog = Backlog::new(room, note);
     let shared = Arc::new(Shared { backlog: Mutex::new(Some(backlog)), news: Notify::new() });
     (Rows(Arc::clone(&shared)), ToTell(shared))
 }
 
 impl Rows {
+    /// A way that leads nowhere, for requests on whose answer nothing follows.
+    pub fn nowhere() -> Self {
+        Self(Arc::new(Shared { backlog: Mutex::new(None), news: Notify::new() }))
+    }
+
     /// Tells a row, without the end of its line.
     pub fn tell(&self, row: String) {
         if let Some(backlog) = &mut *self.0.backlog() {
@@ -58,7 +68,7 @@ impl Rows {
 
 impl ToTell {
     /// Waits for the next lines. `{"lost": n}` stands where `n` rows would. Cancel-safe.
-    pub(super) async fn next(&mut self) -> BytesMut {
+    pub async fn next(&mut self) -> BytesMut {
         loop {
             let lines = self.0.backlog().as_mut().and_then(|backlog| backlog.take(HELPING));
             match lines {
@@ -81,7 +91,7 @@ mod tests {
 
     #[tokio::test]
     async fn rows_come_in_order_until_nobody_reads_them() {
-        let (rows, mut to_tell) = backlog();
+        let (rows, mut to_tell) = backlog(ROOM, lost);
         rows.tell("a".to_owned());
         rows.tell("b".to_owned());
         assert_eq!(to_tell.next().await, "a\nb\n");
@@ -92,7 +102,7 @@ mod tests {
 
     #[tokio::test]
     async fn a_reader_who_does_not_read_costs_no_more_than_the_room() {
-        let (rows, mut to_tell) = backlog();
+        let (rows, mut to_tell) = backlog(ROOM, lost);
         let row = "x".repeat(99);
         (0..ROOM / 100 + 5).for_each(|_| rows.tell(row.clone()));
         let (mut bytes, mut last) = (0, BytesMut::new());

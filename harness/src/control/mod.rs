@@ -13,13 +13,15 @@ mod lines;
 mod path;
 mod server;
 
-pub use backlog::Rows;
+pub use backlog::{Rows, ToTell, backlog};
 pub use path::socket_beside;
-pub use server::{Answer, Call, Control};
+pub use server::{Answer, Asker, Call, Control};
 
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
+
+use crate::report::EventSummary;
 
 /// What is asked of a rig that runs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -59,6 +61,8 @@ pub enum Request {
         /// The pace.
         pace: String,
     },
+    /// What has been made of the bar so far. Answered by a [`PartState`].
+    Part,
     /// What happens from now on, a line each. Answered by [`Done`].
     Watch {
         /// These lines; none and no boards: all.
@@ -103,6 +107,15 @@ pub struct Begun {
     pub name: String,
     /// Since when, in virtual nanoseconds; none if it still waits for something.
     pub since: Option<u64>,
+}
+
+/// What has been made of the bar.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PartState {
+    /// The corners of the surface that is cut, from the face on: along the bar and from its middle, in mm.
+    pub outline: Vec<(f64, f64)>,
+    /// What should not have happened.
+    pub events: Vec<EventSummary>,
 }
 
 /// How a rig is.

@@ -14,10 +14,12 @@ use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinHandle;
 
 use super::Request;
-use super::backlog::{Rows, backlog};
+use super::backlog::{ROOM, Rows, backlog, lost};
 use super::lines::lines;
 use crate::socket::{OwnSocket, Purpose, SocketError};
 
+/// What is answered when nobody answers.
+const ENDED: &str = "the rig has ended";
 /// Requests that wait for the rig.
 const WAITING: usize = 16;
 /// What the socket is for.
@@ -55,7 +57,37 @@ impl Answer {
 pub struct Control {
     path: PathBuf,
     calls: mpsc::Receiver<Call>,
+    asker: Asker,
     accepting: JoinHandle<()>,
+}
+
+/// Whatever carries requests to the rig.
+#[derive(Clone, Debug)]
+pub struct Asker(mpsc::Sender<Call>);
+
+impl Asker {
+    /// Asks for something; rows that follow on the answer go to `rows`. None, if the rig has ended.
+    async fn begin(&self, request: Request, rows: &Rows) -> Option<oneshot::Receiver<String>> {
+        let (answer, answered) = oneshot::channel();
+        let call = Call { request, answer: Answer(answer), rows: rows.clone() };
+        self.0.send(call).await.ok().map(|()| answered)
+    }
+
+    /// Asks for something, and waits for the answer: a line of JSON, without its end.
+    pub async fn ask(&self, request: Request, rows: &Rows) -> String {
+        match self.begin(request, rows).await {
+            Some(answered) => answered.await.unwrap_or_else(|_| refused(ENDED)),
+            None => refused(ENDED),
+        }
+    }
+
+    /// The same for a line of JSON, which need not be a request.
+    pub async fn ask_line(&self, line: &str, rows: &Rows) -> String {
+        match request(line) {
+            Ok(request) => self.ask(request, rows).await,
+            Err(why) => refused(&why),
+        }
+    }
 }
 
 impl Control {
@@ -70,12 +102,18 @@ impl Control {
         let socket = OwnSocket::open(path, STEERING)?;
         let path = socket.path().to_owned();
         let (sender, calls) = mpsc::channel(WAITING);
-        Ok(Self { path, calls, accepting: tokio::spawn(accept(socket, sender)) })
+        let asker = Asker(sender);
+        Ok(Self { path, calls, accepting: tokio::spawn(accept(socket, asker.clone())), asker })
     }
 
     /// Where it is.
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// Another way to ask.
+    pub fn asker(&self) -> Asker {
+        self.asker.clone()
     }
 
     /// Waits for the next request. Cancel-safe.
@@ -99,22 +137,34 @@ impl Drop for Control {
     }
 }
 
-async fn accept(socket: OwnSocket, calls: mpsc::Sender<Call>) {
+async fn accept(socket: OwnSocket, asker: Asker) {
     loop {
         let stream = socket.accept().await;
-        let calls = calls.clone();
+        let asker = asker.clone();
         tokio::spawn(async move {
-            if let Err(error) = serve(stream, calls).await {
+            if let Err(error) = serve(stream, asker).await {
                 tracing::debug!(%error, "a client of the control socket is lost");
             }
         });
     }
 }
 
-async fn serve(stream: UnixStream, calls: mpsc::Sender<Call>) -> io::Result<()> {
+/// The request in a line.
+fn request(line: &str) -> Result<Request, String> {
+    if line.trim().is_empty() {
+        return Err("expected a request, found an empty line".to_owned());
+    }
+    serde_json::from_str(line).map_err(|error| format!("expected a request: {error}"))
+}
+
+fn refused(why: &str) -> String {
+    json!({ "error": why }).to_string()
+}
+
+async fn serve(stream: UnixStream, asker: Asker) -> io::Result<()> {
     let (reading, mut writing) = stream.into_split();
     let mut lines = pin!(lines(reading));
-    let (rows, mut to_tell) = backlog();
+    let (rows, mut to_tell) = backlog(ROOM, lost);
     loop {
         let line = tokio::select! {
             line = poll_fn(|context| lines.as_mut().poll_next(context)) => line,
@@ -124,21 +174,11 @@ async fn serve(stream: UnixStream, calls: mpsc::Sender<Call>) -> io::Result<()> 
             }
         };
         let Some(line) = line.transpose()? else { return Ok(()) };
-        let refused = |why: String| json!({ "error": why }).to_string();
-        let request = line.map_err(|bad| bad.to_string()).and_then(|line| {
-            if line.trim().is_empty() {
-                return Err("expected a request, found an empty line".to_owned());
-            }
-            serde_json::from_str::<Request>(&line).map_err(|error| format!("expected a request: {error}"))
-        });
+        let request = line.map_err(|bad| bad.to_string()).and_then(|line| request(&line));
         let answer = match request {
             Ok(request) => {
                 let watches = matches!(request, Request::Watch { .. });
-                let (answer, mut answered) = oneshot::channel();
-                let call = Call { request, answer: Answer(answer), rows: rows.clone() };
-                if calls.send(call).await.is_err() {
-                    return Ok(());
-                }
+                let Some(mut answered) = asker.begin(request, &rows).await else { return Ok(()) };
                 let answered = loop {
                     tokio::select! {
                         biased;
@@ -147,9 +187,9 @@ async fn serve(stream: UnixStream, calls: mpsc::Sender<Call>) -> io::Result<()> 
                         answered = &mut answered => break answered,
                     }
                 };
-                answered.unwrap_or_else(|_| refused("the rig has ended".to_owned()))
+                answered.unwrap_or_else(|_| refused(ENDED))
             }
-            Err(why) => refused(why),
+            Err(why) => refused(&why),
         };
         writing.write_all((answer + "\n").as_bytes()).await?;
     }

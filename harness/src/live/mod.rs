@@ -24,6 +24,7 @@ use gateway::Gateway;
 use steering::{Steering, next_call};
 use tap::Taps;
 use torno_engine::{Limit, LineId, NodeId};
+use torno_machines::workpiece::{Part, ToolPath};
 
 /// Boards that nothing reaches are brought up to date this often, so that none has long to catch up when something
 /// does.
@@ -57,6 +58,8 @@ pub struct Live {
     asks_at_the_end: bool,
     /// What has become of boards' processes.
     incidents: Vec<Incident>,
+    /// The way of the tool, if somebody wants to see the part.
+    path: Option<ToolPath>,
 }
 
 /// How a session has ended.
@@ -93,7 +96,13 @@ impl Live {
             asked: Lapse::begin(AT_ONCE),
             asks_at_the_end: false,
             incidents: Vec::new(),
+            path: None,
         })
+    }
+
+    /// Cuts this part while the rig runs. For a rig that does not run yet.
+    pub fn turn(&mut self, part: &Part) {
+        self.path = Some(ToolPath::new(part));
     }
 
     /// Records everything from the start. For a rig that does not run yet.
@@ -330,6 +339,9 @@ impl Live {
         }
         self.kept_up = now;
         self.settle(now).await?;
+        if let Some(path) = &mut self.path {
+            path.cut_before(now);
+        }
         if let Some(steering) = &mut self.steering {
             steering.tell(now);
         }
@@ -353,6 +365,9 @@ impl Live {
             steering.note(&happened.inputs, &happened.facts);
         }
         self.taps.note(happened);
+        if let Some(path) = &mut self.path {
+            happened.facts.iter().for_each(|fact| path.add(fact));
+        }
         let session = &mut self.session;
         self.gateways.iter_mut().try_for_each(|gateway| gateway.deliver(happened, now, session))
     }

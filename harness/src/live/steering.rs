@@ -7,12 +7,16 @@ use torno_protocol::board::Stimulus;
 use torno_protocol::time::Instant;
 
 use super::Live;
-use crate::control::{Answer, Begun, BoardState, Call, Control, Done, FaultState, Form, Request, Rows, State};
+use crate::control::{
+    Answer, Begun, BoardState, Call, Control, Done, FaultState, Form, PartState, Request, Rows, State,
+};
 use crate::fault::{Planned, RawFault};
 use crate::pace::Pace;
+use crate::report::EventSummary;
 use crate::session::{EndedBoard, SessionError};
 use torno_bus::{Ears, Names};
 use torno_engine::{Fact, Input};
+use torno_part::outline;
 use torno_text::{Complaint, Dice, nearest, of_toml, parse_span};
 use torno_trace::Header;
 use torno_trace::analyser::Analyser;
@@ -20,6 +24,8 @@ use torno_trace::rows::{Filter, Row, Wanted};
 
 /// So many may watch at once. (Ours: each costs a few megabytes while it does not read.)
 const WATCHERS_MAX: usize = 16;
+/// The outline of a part is drawn so exactly, in mm.
+const WITHIN: f64 = 0.005;
 
 /// What a rig needs to be steered from outside.
 pub(super) struct Steering {
@@ -182,6 +188,10 @@ impl Live {
                 });
                 give(answer, pace);
             }
+            Request::Part => {
+                self.settle(now).await?;
+                give(answer, self.part(now));
+            }
             Request::Watch { lines, boards, kinds, form } => {
                 // What comes from then on is what happens from then on.
                 self.settle(now).await?;
@@ -273,6 +283,18 @@ impl Live {
             paused: self.brake.paused().is_some(),
             boards: self.session.nodes().into_iter().map(board).collect(),
             faults,
+        })
+    }
+
+    fn part(&mut self, now: Instant) -> Result<PartState, Refused> {
+        let rig = self.steering.as_ref().map_or("", |steering| steering.header.rig.as_str());
+        let none = || format!("no part of the rig '{rig}' is cut while it runs: expected 'torno up --page'");
+        let path = self.path.as_mut().ok_or_else(none)?;
+        path.cut_before(now);
+        let turned = path.turned();
+        Ok(PartState {
+            outline: outline(&turned.profile.radii(), WITHIN).iter().map(|corner| (corner.z, corner.x)).collect(),
+            events: turned.happenings.iter().map(EventSummary::from).collect(),
         })
     }
 

@@ -1,0 +1,60 @@
+// What happens, in words: the latest first.
+
+import { fill, find, make, put } from "./dom.js";
+import { instant, plain, say } from "./words.js";
+
+/** So many rows are listed. */
+const LISTED = 200;
+const KINDS = ["all", "frames", "events", "inputs"];
+const MARKS = { frames: ">", events: "*", inputs: "<" };
+
+export class Talk {
+  #model;
+  #kept = [];
+
+  constructor(model) {
+    this.#model = model;
+    find("talk-of").addEventListener("change", () => this.begin());
+  }
+
+  begin() {
+    fill(find("talk-of"), KINDS, (kind) => say(`show_${kind}`), "all");
+    const rows = this.#kept.filter((row) => this.#shows(row)).slice(-LISTED).reverse();
+    find("rows").replaceChildren(...rows.map(element));
+    this.#none();
+  }
+
+  #shows(row) {
+    const kind = find("talk-of").value;
+    return kind === "all" || row.kind === kind;
+  }
+
+  #none() {
+    if (!find("rows").children.length) find("rows").append(make("p", { class: "dim none" }, say("none_yet")));
+  }
+
+  draw() {
+    const fresh = this.#model.fresh.splice(0);
+    const { lost, leftOut } = this.#model;
+    const missing = [lost && say("lost_updates", lost), leftOut && say("lost_rows", leftOut)];
+    put(find("lost"), missing.filter(Boolean).join(" "));
+    if (!fresh.length) return;
+    this.#kept.push(...fresh);
+    if (this.#kept.length > 5 * LISTED) this.#kept.splice(0, this.#kept.length - 4 * LISTED);
+    const list = find("rows");
+    const shown = fresh.filter((row) => this.#shows(row)).slice(-LISTED).reverse();
+    if (!shown.length) return;
+    list.querySelector(".none")?.remove();
+    // Whoever reads further below stays there.
+    const [height, above] = [list.scrollHeight, list.scrollTop];
+    list.prepend(...shown.map(element));
+    while (list.children.length > LISTED) list.lastChild.remove();
+    if (above > 0) list.scrollTop = above + list.scrollHeight - height;
+  }
+}
+
+function element(row) {
+  return make("p", { class: row.flaw ? "flaw" : row.kind },
+    make("time", {}, instant(row.ns * 1e-9)), " ", make("span", { class: "place" }, plain(row.line ?? row.board)), " ",
+    make("span", { class: "what" }, `${row.flaw ? "!" : MARKS[row.kind] ?? ""} ${row.text}`));
+}

@@ -1,0 +1,142 @@
+//! What a browser is told first: what the rig consists of, as its layout and its file have it.
+
+use serde_json::{Value, json};
+use torno_machines::kinds;
+use torno_machines::workpiece::{Axis, Part, Source};
+use torno_protocol::board::Motor;
+use torno_protocol::layout::Layout;
+
+use crate::fault::fault_kinds;
+use crate::report::series::Places;
+use crate::rig::file::RigFile;
+use crate::speed::AxisSpeed;
+
+/// The rig.
+pub(super) fn rig(file: &RigFile) -> Value {
+    let mut layout = file.layout.clone();
+    for AxisSpeed { node, signal, .. } in AxisSpeed::of(file) {
+        layout.boards[node].description.signals.push(signal);
+    }
+    json!({
+        "rig": file.name,
+        "torno": env!("CARGO_PKG_VERSION"),
+        "boards": boards(file, &layout),
+        "lines": lines(&layout),
+        "charts": charts(&layout),
+        "part": file.part.as_ref().map(|part| drawn_part(part, &layout)),
+        "faults": fault_kinds(),
+    })
+}
+
+fn boards(file: &RigFile, layout: &Layout) -> Vec<Value> {
+    let known = layout.boards.iter().enumerate();
+    let board = |(node, board): (usize, &torno_protocol::layout::BoardLayout)| {
+        let motor = |(place, motor): (usize, &Motor)| {
+            let of = file.boards.get(node).zip(u8::try_from(place).ok());
+            let carriage = of.and_then(|(board, place)| kinds::carriage(&board.kind, &board.settings, place).ok()?);
+            json!({
+                "name": motor.name,
+                "capabilities": motor.capabilities,
+                "mm_per_count": carriage.map(|carriage| carriage.mm_per_count),
+            })
+        };
+        let description = &board.description;
+        json!({
+            "name": board.name,
+            "kind": board.kind,
+            "gateway": board.is_gateway(),
+            "capabilities": description.capabilities,
+            "motors": description.motors.iter().enumerate().map(motor).collect::<Vec<_>>(),
+            "signals": description.signals,
+        })
+    };
+    known.map(board).collect()
+}
+
+fn lines(layout: &Layout) -> Vec<Value> {
+    let name = |end: (usize, u8)| layout.boards[end.0].name.as_str();
+    let line = |line: &torno_protocol::layout::LineLayout| {
+        json!({
+            "name": line.name,
+            "from": name(line.from),
+            "to": name(line.to),
+            "baud": line.baud,
+            "dialect": line.dialect,
+        })
+    };
+    layout.lines.iter().map(line).collect()
+}
+
+/// Which quantities are drawn together, as the report does.
+fn charts(layout: &Layout) -> Vec<Value> {
+    let charts = layout.boards.iter().flat_map(|board| {
+        let description = &board.description;
+        let name = |place: Option<usize>| place.map(|place| description.signals[place].name.as_str());
+        let chart = |places: Places| {
+            json!({
+                "name": places.name(&board.name, description),
+                "board": board.name,
+                "motor": places.motor,
+                "what": places.what,
+                "unit": description.signals[places.got].unit,
+                "got": name(Some(places.got)),
+                "asked": name(places.asked),
+                "rest": name(places.rest),
+                "drive": name(places.drive),
+                "speed": name(places.speed),
+                "offset": name(places.offset),
+            })
+        };
+        Places::of(description).into_iter().map(chart).collect::<Vec<_>>()
+    });
+    charts.collect()
+}
+
+fn drawn_part(part: &Part, layout: &Layout) -> Value {
+    let source = |Source { node, signals, per_count }: &Source| {
+        let board = &layout.boards[*node];
+        let names = signals.iter().map(|signal| board.description.signals[usize::from(*signal)].name.as_str());
+        json!({ "board": board.name, "signals": names.collect::<Vec<_>>(), "per_count": per_count })
+    };
+    let axis = |axis: &Axis| json!({ "way": source(&axis.way), "start_mm": axis.start });
+    json!({
+        "diameter_mm": part.diameter,
+        "length_mm": part.length,
+        "out_mm": part.out,
+        "bore_mm": part.bore,
+        "side": part.side.name(),
+        "surface_mm": part.surface(),
+        "nose_mm": part.nose.radius_mm(),
+        "chuck_mm": part.limits.chuck.map(|radius| 2.0 * radius),
+        "z": axis(&part.z),
+        "x": axis(&part.x),
+        "spindle": source(&part.spindle),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_built_in_rig_has_what_is_drawn_of_it() {
+        for (name, motors, turns) in [("lathe", 3, true), ("lathe-dspic", 3, true), ("servo", 1, false)] {
+            let drawn = rig(&RigFile::load(name).unwrap());
+            let charts = drawn["charts"].as_array().unwrap();
+            assert_eq!((charts.len(), drawn["part"].is_object()), (motors, turns), "{name}");
+            for chart in charts {
+                let board = drawn["boards"].as_array().unwrap().iter().find(|board| board["name"] == chart["board"]);
+                let signals = board.unwrap()["signals"].as_array().unwrap();
+                for role in ["got", "asked", "rest", "drive", "speed"] {
+                    let named = signals.iter().any(|signal| signal["name"] == chart[role]);
+                    assert!(named || chart[role].is_null(), "{name} {chart}");
+                }
+                assert!(!chart["asked"].is_null() || !chart["rest"].is_null(), "{name} {chart}");
+            }
+        }
+        let lathe = rig(&RigFile::load("lathe").unwrap());
+        assert_eq!(lathe["part"]["z"]["way"]["board"], "transverse");
+        assert_eq!(lathe["boards"][2]["motors"][0]["capabilities"], json!(["Motor", "Axis"]));
+        assert!((lathe["boards"][2]["motors"][0]["mm_per_count"].as_f64().unwrap() - 1.0 / 450.0).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,203 @@
+//! What all browsers are told: one look at the rig for all, and a queue for each.
+
+use std::collections::VecDeque;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use bytes::Bytes;
+use serde_json::Value;
+use tokio::sync::Notify;
+use tokio::sync::mpsc::{Receiver, Sender, channel};
+use tokio::time::{MissedTickBehavior, interval};
+
+use crate::control::{Asker, Form, Request, Rows, ToTell, backlog};
+
+/// The rig is looked at so often while somebody looks at the page: 25 times a second.
+const LOOK: Duration = Duration::from_millis(40);
+/// The part changes slowly, and its outline is long: it is told at every so many looks.
+const LOOKS_PER_PART: u64 = 8;
+/// Where nothing changes, a browser is told so at every so many looks: it sees that the rig is there.
+const LOOKS_AT_LEAST: u64 = 25;
+/// So many rows go with a look at the most: the last ones. (Ours: more than a person reads in a second.)
+const ROWS: usize = 300;
+/// So many bytes wait for a browser: some seconds of a busy rig. (Ours.)
+const ROOM: usize = 256 << 10;
+/// What the page shows of what happens.
+const KINDS: [&str; 5] = ["characters", "frames", "telemetry", "events", "inputs"];
+
+/// Tells all browsers.
+pub(super) struct Hub {
+    /// What each is told first: what the rig consists of.
+    hello: String,
+    turns: bool,
+    /// What was told last of the part.
+    part: Mutex<String>,
+    browsers: Mutex<Vec<Rows>>,
+    news: Notify,
+}
+
+/// What is told is an event that the server sends (WHATWG HTML, 9.2). `data` has no end of line in it.
+fn event(kind: &str, data: &str) -> String {
+    format!("event: {kind}\ndata: {data}\n")
+}
+
+fn held<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Hub {
+    /// A hub of the rig that is described so. It may turn a part.
+    pub(super) fn new(rig: &Value, turns: bool) -> Self {
+        let hello = event("rig", &rig.to_string());
+        let (part, browsers) = (Mutex::new(String::new()), Mutex::new(Vec::new()));
+        Self { hello, turns, part, browsers, news: Notify::new() }
+    }
+
+    fn browsers(&self) -> MutexGuard<'_, Vec<Rows>> {
+        held(&self.browsers)
+    }
+
+    /// What a browser is told from now on.
+    pub(super) fn tell(&self) -> Receiver<Bytes> {
+        let (rows, to_tell) = backlog(ROOM, |lost| event("lost", &lost.to_string()) + "\n");
+        rows.tell(self.hello.clone());
+        let part = held(&self.part).clone();
+        if !part.is_empty() {
+            rows.tell(part);
+        }
+        self.browsers().push(rows);
+        self.news.notify_one();
+        let (sender, receiver) = channel(1);
+        tokio::spawn(hand_on(to_tell, sender));
+        receiver
+    }
+
+    /// Tells everybody who still listens. Says whether anybody does.
+    fn tell_all(&self, text: &str) -> bool {
+        let mut browsers = self.browsers();
+        browsers.retain(|rows| !rows.is_closed());
+        browsers.iter().for_each(|rows| rows.tell(text.to_owned()));
+        !browsers.is_empty()
+    }
+
+    /// Looks at the rig for as long as it is there.
+    pub(super) async fn run(&self, asker: &Asker) {
+        loop {
+            while self.browsers().is_empty() {
+                self.news.notified().await;
+            }
+            self.look(asker).await;
+        }
+    }
+
+    /// Looks at the rig for as long as somebody looks at the page.
+    async fn look(&self, asker: &Asker) {
+        let (rows, mut to_tell) = backlog(ROOM, |lost| format!("{{\"lost\":{lost}}}\n"));
+        let kinds = KINDS.map(str::to_owned).to_vec();
+        let watch = Request::Watch { lines: Vec::new(), boards: Vec::new(), kinds, form: Form::Json };
+        let watched = asker.ask(watch, &rows).await;
+        if watched.contains("\"error\"") {
+            tracing::warn!("the page shows no messages: {watched}");
+        }
+        let nothing = Rows::nowhere();
+        let mut happened = Happened::default();
+        let mut looks = interval(LOOK);
+        looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut state = String::new();
+        for look in 0_u64.. {
+            loop {
+                tokio::select! {
+                    lines = to_tell.next() => happened.note(&lines),
+                    _ = looks.tick() => break,
+                }
+            }
+            let now = asker.ask(Request::State, &nothing).await;
+            let same = now == state && happened.rows.is_empty() && look % LOOKS_AT_LEAST != 0;
+            state = now;
+            if !same && !self.tell_all(&event("look", &happened.take(&state))) {
+                return;
+            }
+            if self.turns && look % LOOKS_PER_PART == 0 {
+                let now = event("part", &asker.ask(Request::Part, &nothing).await);
+                if now != *held(&self.part) {
+                    self.tell_all(&now);
+                    *held(&self.part) = now;
+                }
+            }
+        }
+    }
+}
+
+/// Hands what waits for a browser to its connection, as fast as that takes it.
+async fn hand_on(mut to_tell: ToTell, sender: Sender<Bytes>) {
+    loop {
+        tokio::select! {
+            lines = to_tell.next() => if sender.send(lines.freeze()).await.is_err() { return },
+            () = sender.closed() => return,
+        }
+    }
+}
+
+/// The rows since the last look.
+#[derive(Debug, Default)]
+struct Happened {
+    rows: VecDeque<String>,
+    /// So many came before, and are not told.
+    left_out: usize,
+}
+
+impl Happened {
+    fn note(&mut self, lines: &[u8]) {
+        let lines = String::from_utf8_lossy(lines);
+        self.rows.extend(lines.lines().map(str::to_owned));
+        let beyond = self.rows.len().saturating_sub(ROWS);
+        self.rows.drain(..beyond);
+        self.left_out += beyond;
+    }
+
+    /// What a browser is told of this look.
+    fn take(&mut self, state: &str) -> String {
+        let Self { rows, left_out } = core::mem::take(self);
+        let rows: Vec<String> = rows.into();
+        format!("{{\"state\":{state},\"left_out\":{left_out},\"rows\":[{}]}}", rows.join(","))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_many_rows_the_last_are_told_and_the_others_counted() {
+        let mut happened = Happened::default();
+        (0..ROWS + 7).for_each(|n| happened.note(format!("{n}\n").as_bytes()));
+        let told: Value = serde_json::from_str(&happened.take("{\"ok\":1}")).unwrap();
+        assert_eq!((told["left_out"].as_u64(), told["rows"].as_array().unwrap().len()), (Some(7), ROWS));
+        assert_eq!((told["rows"][0].as_u64(), told["state"]["ok"].as_u64()), (Some(7), Some(1)));
+        assert_eq!(happened.take("1"), "{\"state\":1,\"left_out\":0,\"rows\":[]}");
+    }
+
+    #[tokio::test]
+    async fn a_browser_that_does_not_read_costs_its_room_and_is_told_what_it_lost() {
+        let hub = Hub::new(&Value::Null, false);
+        let mut stalled = hub.tell();
+        let long = event("look", &"x".repeat(1_000));
+        let told = 2 * ROOM / long.len();
+        for _ in 0..told {
+            assert!(hub.tell_all(&long));
+            tokio::task::yield_now().await;
+        }
+        let (mut bytes, mut last) = (0, Bytes::new());
+        while !last.ends_with(b"\n\n") || !String::from_utf8_lossy(&last).contains("event: lost\n") {
+            last = stalled.recv().await.unwrap();
+            bytes += last.len();
+        }
+        assert!(bytes <= ROOM + (128 << 10), "{bytes}");
+        let lost: usize = String::from_utf8_lossy(&last).rsplit("data: ").next().unwrap().trim().parse().unwrap();
+        assert!(lost > told / 4 && lost < told, "{lost}");
+        drop(stalled);
+        tokio::task::yield_now().await;
+        tokio::task::yield_now().await;
+        assert!(!hub.tell_all("x"), "nobody listens any more");
+    }
+}

@@ -1,0 +1,71 @@
+//! The live page of a rig that is up: what a browser is shown, and what it may ask.
+//!
+//! It asks the rig what the control socket asks, by the same requests: see [`control`](crate::control). What browsers
+//! are shown comes from one watch and one look at the rig's state for all of them; each has a queue of its own, and one
+//! that does not read loses updates, which it is told.
+
+mod drawn;
+mod hub;
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+
+use bytes::Bytes;
+use tokio::sync::mpsc::Receiver;
+use tokio::task::JoinHandle;
+use torno_page::{Behind, PageError, Server};
+
+use crate::control::{Asker, Rows};
+use crate::rig::file::RigFile;
+use hub::Hub;
+
+/// The page of a rig. Dropped, it is gone.
+#[derive(Debug)]
+pub struct Page {
+    server: Server,
+    telling: JoinHandle<()>,
+}
+
+/// What is behind the page.
+#[derive(Clone)]
+struct Rig {
+    asker: Asker,
+    hub: Arc<Hub>,
+}
+
+impl Page {
+    /// Opens the page of the rig that is asked by `asker`.
+    ///
+    /// # Errors
+    /// [`PageError`]: what to do.
+    ///
+    /// # Panics
+    /// Outside a tokio runtime with I/O enabled.
+    pub fn open(address: SocketAddr, file: &RigFile, asker: Asker) -> Result<Self, PageError> {
+        let hub = Arc::new(Hub::new(&drawn::rig(file), file.part.is_some()));
+        let server = Server::open(address, Rig { asker: asker.clone(), hub: Arc::clone(&hub) })?;
+        let telling = tokio::spawn(async move { hub.run(&asker).await });
+        Ok(Self { server, telling })
+    }
+
+    /// Its address, with its token.
+    pub fn url(&self) -> &str {
+        self.server.url()
+    }
+}
+
+impl Drop for Page {
+    fn drop(&mut self) {
+        self.telling.abort();
+    }
+}
+
+impl Behind for Rig {
+    async fn ask(&self, request: String) -> String {
+        self.asker.ask_line(&request, &Rows::nowhere()).await
+    }
+
+    fn tell(&self) -> Receiver<Bytes> {
+        self.hub.tell()
+    }
+}

@@ -1,0 +1,311 @@
+//! The live page of a rig that is up: who may see it, what a browser is told, what it may do.
+
+#![allow(clippy::disallowed_methods, reason = "a pace is measured by the wall clock")]
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+
+use crate::common::browser::Browser;
+use crate::common::{ACK, PATIENCE, SHORT, Up, json, kill, output, wait_until};
+
+/// The page of a rig.
+struct Page {
+    host: String,
+    token: String,
+}
+
+impl Page {
+    fn of(up: &Up) -> Self {
+        let url = up.ready["page"].as_str().unwrap();
+        let (host, token) = url.strip_prefix("http://").unwrap().split_once('/').unwrap();
+        Self { host: host.to_owned(), token: token.trim_end_matches('/').to_owned() }
+    }
+
+    fn connect(&self) -> TcpStream {
+        let stream = TcpStream::connect(&self.host).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        stream
+    }
+
+    /// Sends a request as it is; gives the status and the rest.
+    fn raw(&self, request: &str) -> (u16, String) {
+        let mut stream = self.connect();
+        stream.write_all(request.as_bytes()).unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        (answer.split(' ').nth(1).unwrap().parse().unwrap(), answer)
+    }
+
+    fn get(&self, path: &str, headers: &str) -> (u16, String) {
+        self.raw(&format!("GET {path} HTTP/1.1\r\n{headers}Connection: close\r\n\r\n"))
+    }
+
+    fn post(&self, body: &str, headers: &str) -> (u16, String) {
+        let length = body.len();
+        self.raw(&format!(
+            "POST /{}/ask HTTP/1.1\r\n{headers}Content-Length: {length}\r\nConnection: close\r\n\r\n{body}",
+            self.token
+        ))
+    }
+
+    /// What the page itself would say of where it comes from.
+    fn own(&self) -> String {
+        let host = &self.host;
+        format!("Host: {host}\r\nOrigin: http://{host}\r\nContent-Type: application/json\r\n")
+    }
+
+    /// Asks as the page does.
+    fn ask(&self, request: &Value) -> Value {
+        let (status, answer) = self.post(&request.to_string(), &self.own());
+        assert_eq!(status, 200, "{answer}");
+        serde_json::from_str(answer.split("\r\n\r\n").nth(1).unwrap()).unwrap()
+    }
+
+    /// Listens to what a browser is told.
+    fn listen(&self) -> Events {
+        let mut stream = self.connect();
+        write!(stream, "GET /{}/events HTTP/1.1\r\nHost: {}\r\n\r\n", self.token, self.host).unwrap();
+        Events(BufReader::new(stream))
+    }
+}
+
+/// What a browser is told.
+struct Events(BufReader<TcpStream>);
+
+impl Events {
+    /// The next event: its kind and its data.
+    fn next(&mut self) -> (String, Value) {
+        let mut kind = String::new();
+        loop {
+            let mut line = String::new();
+            assert!(self.0.read_line(&mut line).unwrap() > 0, "the stream has ended");
+            if let Some(name) = line.strip_prefix("event: ") {
+                name.trim().clone_into(&mut kind);
+            } else if let Some(data) = line.strip_prefix("data: ") {
+                return (kind, serde_json::from_str(data.trim()).unwrap());
+            }
+        }
+    }
+
+    /// The next one that has what is wanted.
+    fn find(&mut self, wanted: &str, is_it: impl Fn(&Value) -> bool) -> Value {
+        let start = Instant::now();
+        loop {
+            assert!(start.elapsed() < PATIENCE, "no such {wanted} came");
+            let (kind, data) = self.next();
+            if kind == wanted && is_it(&data) {
+                return data;
+            }
+        }
+    }
+}
+
+fn ctl(up: &Up, arguments: &[&str]) -> Value {
+    let control = up.ready["control"].as_str().unwrap();
+    json(&output(&[&["ctl", "--json", "--socket", control], arguments].concat()))
+}
+
+fn end(mut up: Up) {
+    kill("-INT", up.pid());
+    assert!(up.child.wait().unwrap().success());
+}
+
+#[test]
+fn nobody_but_its_user_sees_the_page() {
+    let up = Up::start(&["--page"]);
+    let page = Page::of(&up);
+    let (host, token) = (&page.host, &page.token);
+    assert!(host.starts_with("127.0.0.1:") && token.len() == 32, "{host} {token}");
+    let here = format!("Host: {host}\r\n");
+    let (status, html) = page.get(&format!("/{token}/"), &here);
+    assert!(status == 200 && html.contains("<!DOCTYPE html>"), "{html}");
+    for header in ["content-security-policy: default-src 'none'", "referrer-policy: no-referrer", "no-store"] {
+        assert!(html.contains(header), "{header}\n{html}");
+    }
+    let other: String = token.chars().rev().collect();
+    for path in ["/", "/events", &format!("/{token}"), &format!("/{other}/"), &format!("/{}/", &token[..31])] {
+        let (status, answer) = page.get(path, &here);
+        assert!(status == 403 && !answer.contains("<!DOCTYPE"), "{path}: {answer}");
+    }
+    let (_, port) = host.split_once(':').unwrap();
+    for wrong in [format!("evil.example:{port}"), "127.0.0.1".to_owned(), format!("127.0.0.1.evil.example:{port}")] {
+        assert_eq!(page.get(&format!("/{token}/"), &format!("Host: {wrong}\r\n")).0, 403, "{wrong}");
+        assert_eq!(page.get(&format!("/{token}/events"), &format!("Host: {wrong}\r\n")).0, 403, "{wrong}");
+    }
+    assert_eq!(page.get(&format!("/{token}/"), &format!("{here}Origin: http://evil.example\r\n")).0, 403);
+    let ask = r#"{"do":"pause"}"#;
+    let json = "Content-Type: application/json\r\n";
+    for origin in ["", "Origin: null\r\n", "Origin: http://evil.example\r\n", &format!("Origin: https://{host}\r\n")] {
+        assert_eq!(page.post(ask, &format!("{here}{json}{origin}")).0, 403, "{origin}");
+    }
+    // As a form of another site would be sent, if it had the rest.
+    let form = page.own().replace("application/json", "text/plain");
+    assert_eq!(page.post(ask, &form).0, 415);
+    assert_eq!(ctl(&up, &["state"])["paused"], false);
+    assert_eq!(page.get(&format!("/{token}/nothing.js"), &here).0, 404);
+    assert!(page.post(ask, &page.own()).1.contains("{\"ok\":"));
+    assert_eq!(ctl(&up, &["state"])["paused"], true);
+    assert!(!up.log().contains(token.as_str()), "{}", up.log());
+    end(up);
+}
+
+#[test]
+fn a_browser_is_told_what_happens_and_may_ask_what_ctl_asks() {
+    let up = Up::start(&["--page", "--pace", "20"]);
+    let page = Page::of(&up);
+    let mut events = page.listen();
+    let (kind, rig) = events.next();
+    assert_eq!(
+        (kind.as_str(), rig["rig"].as_str(), rig["charts"].as_array().unwrap().len()),
+        ("rig", Some("lathe"), 3)
+    );
+    events.find("look", |look| look["state"]["ok"]["boards"].as_array().is_some_and(|boards| boards.len() == 5));
+    let mut pc = up.pc();
+    pc.write(&SHORT);
+    pc.expect(&[ACK]);
+    let has = |look: &Value, what: &dyn Fn(&Value) -> bool| look["rows"].as_array().unwrap().iter().any(what);
+    events.find("look", |look| has(look, &|row| row["kind"] == "frames" && row["line"] == "pc_to_master"));
+    events.find("look", |look| has(look, &|row| row["kind"] == "telemetry" && row["board"] == "spindle"));
+    // The same requests, the same refusals.
+    let cut = json!({ "do": "fault", "fault": "line = \"master_to_depth\"\nkind = \"cut\"" });
+    assert_eq!(page.ask(&cut)["ok"]["name"], "master_to_depth cut");
+    assert_eq!(ctl(&up, &["state"])["faults"][0]["name"], "master_to_depth cut");
+    events.find("look", |look| look["state"]["ok"]["faults"][0]["name"] == "master_to_depth cut");
+    assert!(page.ask(&cut)["error"].as_str().unwrap().contains("there is a fault"), "{}", page.ask(&cut));
+    page.ask(&json!({ "do": "heal", "name": "master_to_depth cut" }));
+    assert_eq!(ctl(&up, &["state"])["faults"], json!([]));
+    for (wrong, expected) in [("", "found an empty line"), ("{}", "expected a request"), (r#"{"do":"dance"}"#, "dance")]
+    {
+        let (status, answer) = page.post(wrong, &page.own());
+        assert!(status == 200 && answer.contains(expected), "{answer}");
+    }
+    // Where time stands still, what is done is told at once.
+    page.ask(&json!({ "do": "pause" }));
+    events.find("look", |look| look["state"]["ok"]["paused"] == true);
+    let stood = page.ask(&json!({ "do": "step", "span": "10 ms" }))["ok"]["ns"].as_u64().unwrap();
+    events.find("look", |look| look["state"]["ok"]["ns"] == stood);
+    end(up);
+}
+
+#[test]
+fn a_browser_that_stalls_leaves_the_rig_as_it_is_and_is_told_what_it_lost() {
+    let up = Up::start(&["--page", "--pace", "200"]);
+    let page = Page::of(&up);
+    let mut stalled = page.listen();
+    rustix::net::sockopt::set_socket_recv_buffer_size(stalled.0.get_ref(), 4_096).unwrap();
+    let mut reader = page.listen();
+    stalled.next();
+    let mut pc = up.pc();
+    // The spindle has much to tell for as long as it turns.
+    pc.write(&[0x4b, 0xe1, 0, 0, 0, 0, 0, 0]);
+    pc.expect(&[ACK]);
+    let ns = |look: &Value| look["state"]["ok"]["ns"].as_u64().unwrap();
+    let (begun, first) = (Instant::now(), ns(&reader.find("look", |_| true)));
+    let mut told = 0;
+    let mut last = first;
+    while told < 4 << 20 && begun.elapsed() < Duration::from_secs(20) {
+        let look = reader.find("look", |_| true);
+        told += look.to_string().len();
+        last = ns(&look);
+    }
+    let went = (last - first) as f64 * 1e-9 / begun.elapsed().as_secs_f64();
+    assert!((180.0..=220.0).contains(&went), "the pace was {went}");
+    let lost = stalled.find("lost", |_| true);
+    assert!(lost.as_u64().unwrap() > 0);
+    // It goes on where it is then.
+    let after = stalled.find("look", |_| true);
+    assert!(ns(&after) > first);
+    // Who closes is forgotten.
+    drop((stalled, reader));
+    wait_until("nobody is looked at for", || page.ask(&json!({ "do": "state" }))["ok"]["ns"].as_u64() > Some(last));
+    end(up);
+}
+
+#[test]
+fn the_page_is_announced_and_another_address_is_warned_of() {
+    let up = Up::start(&["--page=0.0.0.0:0", "--in-process"]);
+    up.wait_for_log("can be reached over the network");
+    end(up);
+    let refused = output(&["up", "--page=nowhere"]);
+    assert_eq!(refused.status.code(), Some(2));
+    let alone = output(&["up", "--browser"]);
+    assert_eq!(alone.status.code(), Some(2));
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = taken.local_addr().unwrap();
+    let folder = crate::common::folder();
+    let link = folder.path().join("pc");
+    let busy = output(&["up", "--in-process", "--link", link.to_str().unwrap(), &format!("--page={address}")]);
+    let said = String::from_utf8(busy.stderr).unwrap();
+    assert!(said.contains("choose another address with --page=ADDRESS:PORT"), "{said}");
+    assert_eq!(busy.status.code(), Some(2));
+}
+
+/// What is wrong with how the page is laid out: texts below 11 px, and whatever makes it wider than its window.
+const FLAWS: &str = r"(() => {
+  const flaws = [];
+  if (document.documentElement.scrollWidth > innerWidth) flaws.push(`${document.documentElement.scrollWidth} px wide`);
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  for (let node; (node = walker.nextNode());) {
+    const of = node.parentElement;
+    if (!node.data.trim() || !of.checkVisibility()) continue;
+    const drawn = of.ownerSVGElement;
+    const scale = drawn ? drawn.getScreenCTM().a : 1;
+    const px = parseFloat(getComputedStyle(of).fontSize) * scale;
+    if (px < 11) flaws.push(`${px.toFixed(1)} px: ${node.data.trim()}`);
+  }
+  return flaws;
+})()";
+
+#[test]
+fn the_page_of_every_rig_has_room_at_every_width() {
+    let Some(mut browser) = Browser::start() else { return };
+    for (rig, charts) in [("lathe", 3), ("lathe-dspic", 3), ("lathe-grbl", 3), ("servo", 1)] {
+        let up = Up::start(&[rig, "--page", "--in-process"]);
+        browser.show(up.ready["page"].as_str().unwrap());
+        browser.wait_until("document.getElementById('time')?.textContent.endsWith(' s') ?? false");
+        assert_eq!(browser.run("document.querySelectorAll('#charts canvas').length"), charts, "{rig}");
+        for (width, dark) in [(1440, false), (1000, true), (400, false), (400, true)] {
+            browser.resize(width, dark);
+            for language in ["en", "es", "pl", "zh"] {
+                let choose = format!(
+                    "(() => {{ const it = document.getElementById('language'); it.value = '{language}'; \
+                     it.dispatchEvent(new Event('change')); return document.documentElement.lang; }})()"
+                );
+                assert_eq!(browser.run(&choose), language);
+                assert_eq!(browser.run(FLAWS), json!([]), "{rig} at {width} px in {language}");
+            }
+            // For whoever wants to look at it: a folder.
+            if let Some(folder) = std::env::var_os("PAGE_PICTURES") {
+                let name = format!("{rig}-{width}{}.png", if dark { "-dark" } else { "" });
+                browser.picture(&std::path::Path::new(&folder).join(name));
+            }
+        }
+        end(up);
+    }
+    assert_eq!(browser.complaints, [""; 0]);
+}
+
+#[test]
+fn a_line_is_cut_and_healed_by_hand_and_the_pc_is_told() {
+    let Some(mut browser) = Browser::start() else { return };
+    let up = Up::start(&["--page", "--in-process"]);
+    browser.show(up.ready["page"].as_str().unwrap());
+    let line = "[...document.querySelectorAll('.line')].find((line) => line.textContent === 'master to depth')";
+    browser.wait_until(&format!("!!{line}?.getAttribute('aria-label')"));
+    browser.run(&format!("{line}.dispatchEvent(new KeyboardEvent('keydown', {{ key: 'Enter' }}))"));
+    browser.run("document.getElementById('break').click()");
+    browser.wait_until(&format!("{line}.dataset.is === 'broken'"));
+    let mut pc = up.pc();
+    pc.write(&SHORT);
+    // The master gives up on the depth board, and the page says so as it is said to the PC.
+    pc.expect(&[ACK, crate::common::CAN]);
+    browser.wait_until("document.getElementById('rows').textContent.includes('CAN')");
+    browser.run("document.querySelector('#faults button').click()");
+    browser.wait_until(&format!("{line}.dataset.is !== 'broken'"));
+    assert_eq!(ctl(&up, &["state"])["faults"], json!([]));
+    assert_eq!(browser.complaints, [""; 0]);
+    end(up);
+}
