@@ -243,6 +243,75 @@ fn the_page_is_announced_and_another_address_is_warned_of() {
     assert_eq!(busy.status.code(), Some(2));
 }
 
+/// The program that has been played is over: how, and how much of it was accepted.
+fn played(up: &Up) -> (String, u64) {
+    let mut program = Value::Null;
+    wait_until("the program ends", || {
+        program = ctl(up, &["state"])["program"].take();
+        program["outcome"].is_string()
+    });
+    (program["outcome"].as_str().unwrap().to_owned(), program["accepted"].as_u64().unwrap())
+}
+
+const FRAMES: &str = include_str!("../harness/builtin/shaft.frames");
+const LINES: &str = include_str!("../harness/builtin/shaft.nc");
+
+#[test]
+fn a_program_is_played_from_the_page_and_the_part_is_seen_and_all_of_it_repeats() {
+    let folder = crate::common::folder();
+    let trace = folder.path().join("a.torno");
+    let trace = trace.to_str().unwrap();
+    for (rig, program, accepted) in [("lathe", FRAMES, 30), ("lathe-grbl", LINES, LINES.lines().count() as u64 + 1)] {
+        let up = Up::start(&[rig, "--page", "--in-process", "--pace", "max", "--record", trace]);
+        let page = Page::of(&up);
+        let mut events = page.listen();
+        assert!(page.ask(&json!({ "do": "play", "program": program }))["ok"]["ns"].is_u64());
+        assert_eq!(played(&up), ("completed".to_owned(), accepted), "{rig}");
+        let thinnest = |part: &Value| {
+            let corners = part["ok"]["outline"].as_array().unwrap().iter();
+            corners.map(|corner| corner[1].as_f64().unwrap()).fold(f64::MAX, f64::min)
+        };
+        // As the run of the same program says: 22.46 mm.
+        let part = events.find("part", |part| (thinnest(part) - 11.23).abs() < 0.15);
+        assert!(part["ok"]["events"].is_array());
+        end(up);
+        let replayed = output(&["replay", trace]);
+        assert!(String::from_utf8(replayed.stdout).unwrap().starts_with("same digest "), "{rig}");
+    }
+}
+
+#[test]
+fn a_program_is_refused_while_a_program_outside_has_the_port() {
+    let up = Up::start(&["--page", "--in-process", "--pace", "20"]);
+    let page = Page::of(&up);
+    let play = |program: &str| page.ask(&json!({ "do": "play", "program": program }));
+    let refusal = |answer: Value| answer["error"].as_str().unwrap_or_else(|| panic!("{answer}")).to_owned();
+    assert!(refusal(page.ask(&json!({ "do": "stop" }))).contains("no program is played"));
+    assert!(refusal(play("0A E1")).contains("line 1"));
+    let pc = up.pc();
+    up.wait_for_log("has been opened");
+    assert!(refusal(play(FRAMES)).contains("has the port"));
+    drop(pc);
+    up.wait_for_log("has been closed");
+    assert!(play(FRAMES)["ok"].is_object());
+    assert!(refusal(play(FRAMES)).contains("is played already"));
+    assert!(page.ask(&json!({ "do": "stop" }))["ok"].is_object());
+    assert_eq!(played(&up).0, "interrupted");
+    // A program outside comes first.
+    assert!(play(FRAMES)["ok"].is_object());
+    let mut pc = up.pc();
+    assert_eq!(played(&up).0, "interrupted");
+    wait_until("the slaves are done", || ctl(&up, &["state"])["boards"][0]["waits_for"] == json!([]));
+    std::thread::sleep(Duration::from_millis(100));
+    pc.write(&crate::common::AT_REST);
+    while pc.read(1) != [ACK] {}
+    end(up);
+    let servo = Up::start(&["servo", "--page", "--in-process"]);
+    let refused = Page::of(&servo).ask(&json!({ "do": "play", "program": "x1" }));
+    assert!(refused["error"].as_str().unwrap().contains("torno servo"), "{refused}");
+    end(servo);
+}
+
 /// What is wrong with how the page is laid out: texts below 11 px, and whatever makes it wider than its window.
 const FLAWS: &str = r"(() => {
   const flaws = [];
@@ -306,6 +375,26 @@ fn a_line_is_cut_and_healed_by_hand_and_the_pc_is_told() {
     browser.run("document.querySelector('#faults button').click()");
     browser.wait_until(&format!("{line}.dataset.is !== 'broken'"));
     assert_eq!(ctl(&up, &["state"])["faults"], json!([]));
+    assert_eq!(browser.complaints, [""; 0]);
+    end(up);
+}
+
+#[test]
+fn a_program_is_typed_and_started_by_hand_and_the_part_is_drawn() {
+    let Some(mut browser) = Browser::start() else { return };
+    let up = Up::start(&["--page", "--in-process", "--pace", "max"]);
+    browser.show(up.ready["page"].as_str().unwrap());
+    browser.wait_until("!!document.querySelector('path.bar')?.getAttribute('d')");
+    let bar = "document.querySelector('path.bar').getAttribute('d')";
+    let uncut = browser.run(bar);
+    browser.run("document.getElementById('program-text').value = 'G1 X3'");
+    browser.run("document.getElementById('program-start').click()");
+    browser.wait_until("document.getElementById('alert').textContent.includes('line 1')");
+    browser.run(&format!("document.getElementById('program-text').value = {}", json!(FRAMES)));
+    browser.run("document.getElementById('program-start').click()");
+    browser.wait_until("document.getElementById('program-state').textContent.includes('completed')");
+    browser.wait_until(&format!("{bar} !== {uncut} && {bar}.includes('11.2')"));
+    assert_eq!(browser.run("document.getElementById('alert').hidden"), true);
     assert_eq!(browser.complaints, [""; 0]);
     end(up);
 }

@@ -83,6 +83,11 @@ pub fn settings(file: &RigFile, start: Option<Place>, side: Side) -> Result<Sett
     })
 }
 
+/// The line that says to a controller where the tool stands at the start.
+pub fn first_line(at: Place) -> String {
+    format!("G10 L20 P1 X{:.4} Z{:.4}\n", at.x, at.z)
+}
+
 /// Whether all quantities of a source are about one motor of a board.
 fn is_moved_by(file: &RigFile, way: &Source, (node, motor): (usize, u8)) -> bool {
     let signals = &file.boards[node].description.signals;

@@ -8,7 +8,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, bail};
 use serde_json::Value;
-use torno::control::{Begun, Done, Form, Request, State};
+use torno::control::{Begun, Done, Form, ProgramState, Request, State};
 use torno::fault::{BOARD_KINDS, LINE_KINDS};
 use torno::observe::stderr::say;
 use torno::port::default_folder;
@@ -17,7 +17,7 @@ use torno_protocol::time::Instant;
 use torno_text::nearest;
 
 use super::trace::Shown;
-use super::{USAGE, colour, print};
+use super::{USAGE, colour, print, read_program};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -67,6 +67,13 @@ enum Command {
         /// Virtual seconds per second, or 'max'
         pace: String,
     },
+    /// Plays a program at the PC's port: frames, or lines for a controller
+    Play {
+        /// The program's file
+        program: PathBuf,
+    },
+    /// Sends no more of that program
+    Stop,
     /// Prints what happens from now on, until it is ended
     Watch(Shown),
 }
@@ -155,6 +162,8 @@ impl Command {
             Self::Resume => Request::Resume,
             Self::Step { span } => Request::Step { span: span.clone() },
             Self::Pace { pace } => Request::Pace { pace: pace.clone() },
+            Self::Play { program } => Request::Play { program: read_program(program)? },
+            Self::Stop => Request::Stop,
             Self::Watch(Shown { line, board, kind }) => {
                 let form = match () {
                     () if json => Form::Json,
@@ -252,6 +261,10 @@ fn state_text(state: &State) -> anyhow::Result<String> {
         let telemetry: Vec<String> = board.telemetry.iter().map(|(name, value)| format!("{name} {value}")).collect();
         let (name, pid, process, waits) = (&board.name, board.pid, &board.process, waits(board));
         writeln!(text, "{name:<names$}  {pid:>7}  {process:<7}  {waits:<waiting$}  {}", telemetry.join(", "))?;
+    }
+    if let Some(ProgramState { accepted, of, outcome }) = &state.program {
+        let outcome = outcome.as_ref().map_or_else(String::new, |outcome| format!(", {outcome}"));
+        writeln!(text, "\nprogram {accepted} of {of} accepted{outcome}")?;
     }
     for (n, fault) in state.faults.iter().enumerate() {
         let since = match fault.since {

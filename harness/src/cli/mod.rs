@@ -260,7 +260,7 @@ fn load_lines(path: Option<&Path>, rig: &RigFile, at: Option<Place>) -> anyhow::
     };
     let for_rig = torno::planning::settings(rig, at, Default::default()).ok();
     let at = at.or(for_rig.as_ref().map(|for_rig| for_rig.start));
-    let first = at.map_or_else(String::new, |at| format!("G10 L20 P1 X{:.4} Z{:.4}\n", at.x, at.z));
+    let first = at.map_or_else(String::new, torno::planning::first_line);
     if !first.is_empty() {
         say(&format!("before the program, to say where the tool stands: {first}"));
     }

@@ -63,6 +63,14 @@ pub enum Request {
     },
     /// What has been made of the bar so far. Answered by a [`PartState`].
     Part,
+    /// A program is played at the PC's port, as a program outside would play it: frames as their files have them, or
+    /// lines for a controller. Refused while a program outside has that port open. Answered by [`Done`].
+    Play {
+        /// The program's text.
+        program: String,
+    },
+    /// No more of that program is sent. Answered by [`Done`].
+    Stop,
     /// What happens from now on, a line each. Answered by [`Done`].
     Watch {
         /// These lines; none and no boards: all.
@@ -133,6 +141,20 @@ pub struct State {
     pub boards: Vec<BoardState>,
     /// Faults that last, or wait for something.
     pub faults: Vec<FaultState>,
+    /// The program that was played last by [`Request::Play`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub program: Option<ProgramState>,
+}
+
+/// How far a program is.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ProgramState {
+    /// So much of it has been accepted: frames, or lines.
+    pub accepted: usize,
+    /// So much there is.
+    pub of: usize,
+    /// How it has ended, in the words of `torno run`; none while it is played.
+    pub outcome: Option<String>,
 }
 
 /// How a board is.

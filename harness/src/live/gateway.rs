@@ -43,6 +43,11 @@ pub(super) struct Gateway {
     began: bool,
     /// The UART has been stopped by `XOFF`.
     held: bool,
+    /// A program outside has the port open.
+    is_open: bool,
+    /// A program is played from here; it is held as the dialect says.
+    plays: bool,
+    holds: bool,
     /// When the UART's supply has gone or come, as far as that still lies ahead: what was to be sent by then is lost.
     supply: Vec<Instant>,
     /// The instant of the last thing that the UART has been told.
@@ -68,6 +73,9 @@ impl Gateway {
             was_opened: false,
             began: false,
             held: false,
+            is_open: false,
+            plays: false,
+            holds: gateway.dialect.holds_the_pc(),
             supply,
             told: Instant::START,
         }
@@ -179,6 +187,11 @@ impl Gateway {
             _ => self.configure(at, session)?,
         }
         match event {
+            PortEvent::Opened => self.is_open = true,
+            PortEvent::Closed => self.is_open = false,
+            _ => {}
+        }
+        match event {
             PortEvent::Data { bytes, .. } => {
                 self.queued += bytes.len();
                 session.stimulate(self.node, at, Stimulus::Write(bytes));
@@ -206,6 +219,35 @@ impl Gateway {
             PortEvent::Closed => tracing::info!("the {} port has been closed", self.name),
         }
         Ok(())
+    }
+
+    /// Whether a program outside has the port open.
+    pub(super) const fn is_open(&self) -> bool {
+        self.is_open
+    }
+
+    /// Whether a program outside has the port open, or has left something that is not sent yet.
+    pub(super) fn is_taken(&self) -> bool {
+        self.is_open || (!self.plays && (self.queued > 0 || self.port.leftover() > 0))
+    }
+
+    /// A program is played from here (`true`), or is played no more: what is not sent yet is given up.
+    pub(super) fn play(&mut self, plays: bool, at: Instant, session: &mut Session) -> Result<(), SessionError> {
+        let at = self.in_turn(at);
+        self.plays = plays;
+        self.queued = 0;
+        session.stimulate(self.node, at, Stimulus::Discard);
+        if plays {
+            self.restart(at, session);
+        }
+        self.configure(at, session)
+    }
+
+    /// Gives the UART bytes of the program that is played.
+    pub(super) fn write(&mut self, bytes: Vec<u8>, at: Instant, session: &mut Session) {
+        let at = self.in_turn(at);
+        self.queued += bytes.len();
+        session.stimulate(self.node, at, Stimulus::Write(bytes));
     }
 
     /// Restarts the board behind the port, if it is to.
@@ -240,8 +282,11 @@ impl Gateway {
 
     /// Sets the UART to this coding of the client's. What the one before has left is still held as that one wanted.
     fn set(&mut self, coding: LineCoding, at: Instant, session: &mut Session) -> Result<(), SessionError> {
-        let present = self.port.settings()?.ixon;
-        let keeps = self.port.leftover() > 0 || (!self.began && self.queued > 0);
+        let (coding, present) = match self.plays {
+            true => (LineCoding::at(self.rig), self.holds),
+            false => (coding, self.port.settings()?.ixon),
+        };
+        let keeps = !self.plays && (self.port.leftover() > 0 || (!self.began && self.queued > 0));
         let settings = LineSettings { coding, ixon: if keeps { self.settings.ixon } else { present } };
         if settings == self.settings {
             return Ok(());

@@ -1,6 +1,7 @@
 //! Keeps a rig up, with a PC port that anybody's software may open.
 
 mod gateway;
+mod player;
 mod steering;
 mod tap;
 
@@ -19,8 +20,9 @@ use crate::port::{PcPort, PortEvent};
 use crate::recorder::{RECORDED, Recorder, RecordingError};
 use crate::rig::file::RigFile;
 use crate::rig::{Driver, Incident, Rig};
-use crate::session::{Happened, INTERRUPTED, Session, SessionError};
+use crate::session::{Happened, INTERRUPTED, PC, Session, SessionError};
 use gateway::Gateway;
+use player::{Player, Texts};
 use steering::{Steering, next_call};
 use tap::Taps;
 use torno_engine::{Limit, LineId, NodeId};
@@ -58,6 +60,9 @@ pub struct Live {
     asks_at_the_end: bool,
     /// What has become of boards' processes.
     incidents: Vec<Incident>,
+    /// How programs that are played from here are read, and the last one.
+    texts: Texts,
+    program: Option<Player>,
     /// The way of the tool, if somebody wants to see the part.
     path: Option<ToolPath>,
 }
@@ -96,6 +101,8 @@ impl Live {
             asked: Lapse::begin(AT_ONCE),
             asks_at_the_end: false,
             incidents: Vec::new(),
+            texts: Texts::of(file),
+            program: None,
             path: None,
         })
     }
@@ -369,7 +376,57 @@ impl Live {
             happened.facts.iter().for_each(|fact| path.add(fact));
         }
         let session = &mut self.session;
-        self.gateways.iter_mut().try_for_each(|gateway| gateway.deliver(happened, now, session))
+        self.gateways.iter_mut().try_for_each(|gateway| gateway.deliver(happened, now, session))?;
+        self.play_on(happened, now)
+    }
+
+    /// Goes on with the program that is played from here, if one is. A program outside that opens the port ends it.
+    fn play_on(&mut self, happened: &Happened, now: Instant) -> Result<(), SessionError> {
+        let Some(program) = self.program.as_mut().filter(|program| program.is_playing()) else { return Ok(()) };
+        let gateway = &mut self.gateways[PC];
+        happened.pc().for_each(|(at, exchange)| program.hear(at, exchange));
+        if gateway.is_open() && program.is_playing() {
+            program.stop();
+        }
+        if !program.is_playing() {
+            return gateway.play(false, now, &mut self.session);
+        }
+        let due = program.due();
+        if !due.is_empty() {
+            gateway.write(due, now, &mut self.session);
+        }
+        Ok(())
+    }
+
+    /// Plays a program, or says why not.
+    fn play(&mut self, text: &str, now: Instant) -> Result<Result<(), String>, SessionError> {
+        let gateway = &mut self.gateways[PC];
+        if gateway.is_taken() {
+            let link = gateway.port.link().display();
+            let why = "or has left something there that is not sent yet: expected it to be closed, and empty";
+            return Ok(Err(format!("a program outside has the port {link} open, {why}")));
+        }
+        if self.program.as_ref().is_some_and(Player::is_playing) {
+            return Ok(Err("a program is played already: expected it to be stopped, or to end".to_owned()));
+        }
+        let program = match self.texts.read(text) {
+            Ok(program) => program,
+            Err(why) => return Ok(Err(why)),
+        };
+        self.program = Some(program);
+        gateway.play(true, now, &mut self.session)?;
+        self.play_on(&Happened::default(), now)?;
+        Ok(Ok(()))
+    }
+
+    /// Plays no more of it, or says why not.
+    fn stop(&mut self, now: Instant) -> Result<Result<(), String>, SessionError> {
+        let Some(program) = self.program.as_mut().filter(|program| program.is_playing()) else {
+            return Ok(Err("no program is played from here".to_owned()));
+        };
+        program.stop();
+        self.gateways[PC].play(false, now, &mut self.session)?;
+        Ok(Ok(()))
     }
 
     /// How far time has gone; what comes from the client follows on that.

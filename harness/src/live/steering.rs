@@ -7,6 +7,7 @@ use torno_protocol::board::Stimulus;
 use torno_protocol::time::Instant;
 
 use super::Live;
+use super::player::Player;
 use crate::control::{
     Answer, Begun, BoardState, Call, Control, Done, FaultState, Form, PartState, Request, Rows, State,
 };
@@ -188,6 +189,14 @@ impl Live {
                 });
                 give(answer, pace);
             }
+            Request::Play { program } => {
+                let played = self.play(&program, now)?;
+                give(answer, played.map(|()| done(now)));
+            }
+            Request::Stop => {
+                let stopped = self.stop(now)?;
+                give(answer, stopped.map(|()| done(now)));
+            }
             Request::Part => {
                 self.settle(now).await?;
                 give(answer, self.part(now));
@@ -283,6 +292,7 @@ impl Live {
             paused: self.brake.paused().is_some(),
             boards: self.session.nodes().into_iter().map(board).collect(),
             faults,
+            program: self.program.as_ref().map(Player::state),
         })
     }
 

@@ -4,6 +4,7 @@ use serde_json::{Value, json};
 use torno_machines::kinds;
 use torno_machines::workpiece::{Axis, Part, Source};
 use torno_protocol::board::Motor;
+use torno_protocol::lathe::Program;
 use torno_protocol::layout::Layout;
 
 use crate::fault::fault_kinds;
@@ -25,6 +26,7 @@ pub(super) fn rig(file: &RigFile) -> Value {
         "charts": charts(&layout),
         "part": file.part.as_ref().map(|part| drawn_part(part, &layout)),
         "faults": fault_kinds(),
+        "plays": file.pc.dialect.counts_characters() || file.pc.dialect.name() == Program::DIALECT,
     })
 }
 
