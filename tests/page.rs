@@ -316,6 +316,7 @@ fn a_program_is_refused_while_a_program_outside_has_the_port() {
 const FLAWS: &str = r"(() => {
   const flaws = [];
   if (document.documentElement.scrollWidth > innerWidth) flaws.push(`${document.documentElement.scrollWidth} px wide`);
+  if (/undefined|NaN|\[object/.test(document.body.innerText)) flaws.push(document.body.innerText);
   const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
   for (let node; (node = walker.nextNode());) {
     const of = node.parentElement;
@@ -328,14 +329,22 @@ const FLAWS: &str = r"(() => {
   return flaws;
 })()";
 
+/// The texts that some language lacks.
+const UNSAID: &str = r"import('./texts.js').then(({ LANGUAGES, TEXTS }) => Object.keys(TEXTS).filter((key) =>
+  TEXTS[key].length !== Object.keys(LANGUAGES).length || TEXTS[key].some((text) => !text)))";
+
 #[test]
 fn the_page_of_every_rig_has_room_at_every_width() {
     let Some(mut browser) = Browser::start() else { return };
+    let mut said = false;
     for (rig, charts) in [("lathe", 3), ("lathe-dspic", 3), ("lathe-grbl", 3), ("servo", 1)] {
         let up = Up::start(&[rig, "--page", "--in-process"]);
         browser.show(up.ready["page"].as_str().unwrap());
         browser.wait_until("document.getElementById('time')?.textContent.endsWith(' s') ?? false");
         assert_eq!(browser.run("document.querySelectorAll('#charts canvas').length"), charts, "{rig}");
+        if !core::mem::replace(&mut said, true) {
+            assert_eq!(browser.run(UNSAID), json!([]));
+        }
         for (width, dark) in [(1440, false), (1000, true), (400, false), (400, true)] {
             browser.resize(width, dark);
             for language in ["en", "es", "pl", "zh"] {
@@ -395,6 +404,12 @@ fn a_program_is_typed_and_started_by_hand_and_the_part_is_drawn() {
     browser.wait_until("document.getElementById('program-state').textContent.includes('completed')");
     browser.wait_until(&format!("{bar} !== {uncut} && {bar}.includes('11.2')"));
     assert_eq!(browser.run("document.getElementById('alert').hidden"), true);
+    // The spindle stands, and the tool goes on into the bar.
+    let stands = "00 00 00 00 00 00 14 01\n00 0A 00 FF 01 00 00 00";
+    browser.run(&format!("document.getElementById('program-text').value = {}", json!(stands)));
+    browser.run("document.getElementById('program-start').click()");
+    browser.wait_until("document.getElementById('part-events').textContent.includes('with a stopped spindle')");
+    assert_eq!(browser.run(FLAWS), json!([]));
     assert_eq!(browser.complaints, [""; 0]);
     end(up);
 }

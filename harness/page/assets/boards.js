@@ -32,6 +32,7 @@ export class Boards {
   #boards = [];
   #lines = [];
   #upright = null;
+  #places = new Map();
 
   constructor(model) {
     this.#model = model;
@@ -52,7 +53,7 @@ export class Boards {
     this.#boards = [];
     this.#lines = [];
     const picture = find("rig-drawing");
-    const places = this.#places();
+    const places = this.#places = this.#placed();
     const lines = draw("g", { class: "lines" });
     const boards = draw("g");
     for (const [n, line] of this.#model.rig.lines.entries()) lines.append(this.#line(line, n, places));
@@ -73,7 +74,7 @@ export class Boards {
   }
 
   /** Where each board is: columns side by side; on a narrow screen, rows below one another, set off by their depth. */
-  #places() {
+  #placed() {
     const places = new Map();
     const found = columns(this.#model.rig);
     const heights = found.map((column) => column.reduce((sum, board) => sum + this.#height(board) + GAP, -GAP));
@@ -126,13 +127,22 @@ export class Boards {
     const others = this.#model.rig.lines;
     const onward = n <= others.findIndex((other) => other.from === line.to && other.to === line.from);
     const shift = onward ? -5 : 5;
-    const path = this.#upright ? upright(from, to, shift) : sideways(from, to, shift);
+    const path = this.#upright ? upright(from, to, shift, this.#trunk(from, to)) : sideways(from, to, shift);
     const wire = draw("path", { d: path, class: "wire", "marker-end": "none" });
     const group = draw("g", { class: "line" }, draw("path", { d: path, class: "reach" }), wire,
       arrow(wire), draw("title", {}, plain(line.name)));
     pressable(group, () => this.#pick.show({ kind: "line", place: line.name, line }));
     this.#lines.push({ line, group });
     return group;
+  }
+
+  /** Where one board has many links below it, each has a way down of its own; the longest is the leftmost. */
+  #trunk(from, to) {
+    const [upper, lower] = from.y < to.y ? [from, to] : [to, from];
+    const below = this.#model.rig.lines.filter((line) => line.from === upper.board.name).map((line) => line.to)
+      .filter((name) => this.#places.get(name).y > upper.y);
+    const after = below.length - 1 - below.indexOf(lower.board.name);
+    return 12 + after * Math.min(14, 30 / Math.max(below.length - 1, 1));
   }
 
   draw() {
@@ -227,10 +237,10 @@ function sideways(from, to, shift) {
   return `M${x1} ${y1}C${bend} ${y1} ${bend} ${y2} ${x2} ${y2}`;
 }
 
-function upright(from, to, shift) {
+function upright(from, to, shift, trunk) {
   const down = from.y < to.y;
   const [upper, lower] = down ? [from, to] : [to, from];
-  const x = upper.x + 22 + shift;
+  const x = upper.x + trunk + shift;
   const y = lower.y + lower.height / 2 + shift;
   const [bottom, left] = [upper.y + upper.height, lower.x];
   return down ? `M${x} ${bottom}V${y}H${left - 1}` : `M${left} ${y}H${x}V${bottom + 1}`;

@@ -93,20 +93,19 @@ export class Bus {
 
   /** What is said stands before its end; what has no room there is left out, the latest first. */
   #messages(context, colours, list, { begin, x, y, left, line, narrow }) {
-    context.textAlign = "right";
+    context.textAlign = "left";
     let room = Infinity;
     for (let n = list.length - 1; n >= 0 && list[n][0] >= begin; n -= 1) {
       const [at, text, flaw] = list[n];
-      const end = x(at);
-      context.fillStyle = flaw ? colours.bad : colours.ink;
       const long = context.measureText(text).width;
-      if (end + 2 > room) continue;
-      room = end - long - 10;
-      context.fillText(text, Math.max(end, left + Math.min(long, 40)), y + 15);
+      const start = Math.max(x(at) - long, left + 2);
+      if (start + long > room) continue;
+      room = start - 10;
+      context.fillStyle = flaw ? colours.bad : colours.ink;
+      context.fillText(text, start, y + 15);
     }
     // On a narrow screen a line has its name where nothing is said.
     if (!narrow || left + context.measureText(plain(line.name)).width > room) return;
-    context.textAlign = "left";
     context.fillStyle = colours.dim;
     context.fillText(plain(line.name), left + 2, y + 15);
   }

@@ -9,6 +9,7 @@ export class Program {
 
   constructor(model) {
     this.#model = model;
+    find("program-open").addEventListener("click", () => find("program-file").click());
     find("program-file").addEventListener("change", async (event) => {
       const [file] = event.target.files;
       if (file) find("program-text").value = await file.text();
