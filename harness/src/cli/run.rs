@@ -209,7 +209,7 @@ impl Arguments {
             file.write_by(|file| waveforms.write(file, played.end, tail, self.vcd_step))?;
         }
         let part = asked.zip(played.path.take().map(ToolPath::cut));
-        let cut = part.map(|((part, asked), turned)| Cut::new(part, asked, turned, self.tolerance));
+        let cut = part.map(|((part, asked), turned)| Cut::new(part, Some(asked), turned, self.tolerance));
         if let (Some(file), Some(cut)) = (drawing, &cut) {
             file.write(cut.draw(&rig, &program_name))?;
         }

@@ -75,8 +75,8 @@ pub struct Drawing<'a> {
     pub part: &'a Part,
     /// The part that came of it.
     pub turned: &'a Turned,
-    /// The part that the program asked for.
-    pub asked: &'a Profile,
+    /// The part that the program asked for, if that is known.
+    pub asked: Option<&'a Profile>,
     /// What is told of both.
     pub summary: &'a PartSummary,
 }
@@ -126,13 +126,27 @@ impl Drawing<'_> {
     /// The cylinder that was asked for where one was turned.
     fn asked_for(&self, got: &Measure) -> Option<&Measure> {
         let shared = |asked: &&Measure| asked.from_mm.min(got.from_mm) - asked.to_mm.max(got.to_mm);
-        Self::turned(&self.summary.asked)
+        Self::turned(self.summary.asked.as_deref().unwrap_or_default())
             .max_by(|a, b| shared(a).total_cmp(&shared(b)))
             .filter(|asked| shared(asked) > got.length_mm / 2.0)
     }
 
     fn draw_fills(&self, sheet: &mut Sheet) {
-        let (got, asked) = (self.turned.profile.radii(), self.asked.radii());
+        if let Some(asked) = self.asked {
+            self.draw_differences(asked, sheet);
+        }
+        let end = -self.part.out - self.in_chuck(sheet) / sheet.scale;
+        let [mut outer, mut inner] = self.surfaces(&self.turned.profile, sheet);
+        outer.extend([-self.part.out, end].map(|z| Place { z, x: self.part.diameter / 2.0 }));
+        if self.part.bore > 0.0 {
+            inner.push(Place { z: end, x: self.part.bore / 2.0 });
+        }
+        sheet.fill("hatched", &outer, &inner, &[-1.0]);
+    }
+
+    /// What was left on, and what was cut too deep.
+    fn draw_differences(&self, asked: &Profile, sheet: &mut Sheet) {
+        let (got, asked) = (self.turned.profile.radii(), asked.radii());
         let both: Vec<f64> = got.iter().zip(&*asked).map(|(got, asked)| got.min(*asked)).collect();
         // A bore that is too wide is cut too deep, and it is seen only where the part is cut open.
         let (thin, thick, sides) = match self.part.side {
@@ -143,13 +157,6 @@ impl Drawing<'_> {
             let corners = Self::corners(radii, sheet);
             sheet.fill(class, &corners, &[], sides);
         }
-        let end = -self.part.out - self.in_chuck(sheet) / sheet.scale;
-        let [mut outer, mut inner] = self.surfaces(&self.turned.profile, sheet);
-        outer.extend([-self.part.out, end].map(|z| Place { z, x: self.part.diameter / 2.0 }));
-        if self.part.bore > 0.0 {
-            inner.push(Place { z: end, x: self.part.bore / 2.0 });
-        }
-        sheet.fill("hatched", &outer, &inner, &[-1.0]);
     }
 
     /// The outside and the bore, from the face on; nothing without a bore.
@@ -189,8 +196,10 @@ impl Drawing<'_> {
 
     fn draw_outlines(&self, sheet: &mut Sheet) {
         let out = self.part.out;
-        let shown = [("stock", &self.part.bar()), ("got", &self.turned.profile), ("asked", self.asked)];
-        for (sign, (class, profile)) in [1.0, -1.0].into_iter().flat_map(|sign| shown.map(|shown| (sign, shown))) {
+        let bar = self.part.bar();
+        let known = [("stock", Some(&bar)), ("got", Some(&self.turned.profile)), ("asked", self.asked)];
+        let shown = || known.into_iter().filter_map(|(class, profile)| Some((class, profile?)));
+        for (sign, (class, profile)) in [1.0, -1.0].into_iter().flat_map(|sign| shown().map(move |it| (sign, it))) {
             let [outer, inner] = self.surfaces(profile, sheet);
             sheet.outline(class, &outer, sign);
             if sign < 0.0 && !inner.is_empty() {
@@ -255,10 +264,7 @@ impl Drawing<'_> {
     }
 
     fn draw_worst(&self, sheet: &mut Sheet) {
-        let worst = self.summary.worst;
-        if worst.diameter_mm == 0.0 {
-            return;
-        }
+        let Some(worst) = self.summary.worst.filter(|worst| worst.diameter_mm != 0.0) else { return };
         let radius = self.turned.profile.diameter(worst.z_mm).unwrap_or_default() / 2.0;
         // A bore is seen where the part is cut open.
         let above = if self.part.side == Side::Outside { radius } else { -radius };
@@ -273,7 +279,8 @@ impl Drawing<'_> {
 
     /// How much thicker than asked, along the bar.
     fn draw_strip(&self, sheet: &mut Sheet) {
-        let off = deviations(&self.turned.profile, self.asked);
+        let Some(asked) = self.asked else { return };
+        let off = deviations(&self.turned.profile, asked);
         let most = off.iter().fold(0.0, |most: f64, off| most.max(off.abs()));
         let range = [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 50.0].into_iter().find(|range| *range >= most).unwrap_or(1e3);
         let (middle, half) = STRIP;
@@ -305,17 +312,22 @@ impl Drawing<'_> {
     fn draw_legend(&self, sheet: &mut Sheet) {
         let mut x = MARGIN + 6.0;
         let y = MARGIN + 6.0;
+        let known = self.asked.is_some();
         for (class, text) in [("got", "got"), ("asked", "asked"), ("stock", "bar")] {
+            if class == "asked" && !known {
+                continue;
+            }
             sheet.line(class, (x, y - 1.0), (x + 10.0, y - 1.0));
             sheet.text("small", (x + 11.5, y), "start", text);
             x += 26.0;
         }
-        for (class, text) in [("thick", "left on"), ("thin", "cut too deep")] {
+        let differences = [("thick", "left on"), ("thin", "cut too deep")];
+        for (class, text) in differences.into_iter().filter(|_| known) {
             sheet.rect(class, (x, y - 2.4), (5.0, 3.0));
             sheet.text("small", (x + 6.5, y), "start", text);
             x += 24.0;
         }
-        let text = "dimensions in mm: got (asked)";
+        let text = if known { "dimensions in mm: got (asked)" } else { "dimensions in mm" };
         sheet.text("small", (SHEET.0 - MARGIN - 6.0, y), "end", text);
     }
 
@@ -374,8 +386,9 @@ impl Drawing<'_> {
             sheet.text("small grey", (x + 3.0, y), "start", name);
             sheet.text("", (x + 19.0, y), "start", &shortened(value, 24));
         }
+        let worst = self.summary.worst.map_or_else(|| "nobody knows what was asked".to_owned(), |it| it.to_string());
         sheet.text("small grey", (left + 3.0, row(3.0) + 4.4), "start", "worst");
-        sheet.text("", (left + 19.0, row(3.0) + 4.4), "start", &self.summary.worst.to_string());
+        sheet.text("", (left + 19.0, row(3.0) + 4.4), "start", &worst);
     }
 }
 

@@ -166,8 +166,7 @@ impl Page<'_> {
             let times = format!("{seconds:.1} s in all, {times} times");
             card("the PC was held", "", &percent(seconds, self.until()), &times)?;
         }
-        if let Some(cut) = self.cut {
-            let worst = cut.summary.worst;
+        if let Some((cut, worst)) = self.cut.and_then(|cut| Some((cut, cut.summary.worst?))) {
             let value =
                 if worst.diameter_mm == 0.0 { "none".to_owned() } else { format!("{:+.2} mm", worst.diameter_mm) };
             let at = if worst.diameter_mm == 0.0 {
@@ -196,7 +195,8 @@ impl Page<'_> {
             problems.extend(summary.refusals().iter().map(|refusal| format!("a {what} was refused: {refusal}")));
         }
         if let Some(summary) = self.cut.map(|cut| &cut.summary).filter(|summary| !summary.is_as_required()) {
-            problems.push(format!("the part is {}: {}", summary.verdict(), summary.worst));
+            let worst = summary.worst.map_or_else(String::new, |worst| format!(": {worst}"));
+            problems.push(format!("the part is {}{worst}", summary.verdict()));
         }
         for event in self.cut.map_or(&[][..], |cut| &cut.summary.events) {
             let super::EventSummary { from_s, z_mm, worst, text, unit, .. } = event;
@@ -280,7 +280,9 @@ impl Page<'_> {
         row("virtual", "virtual time", &format_args!("{:.6} s", self.until()))?;
         if let Some(cut) = self.cut {
             row("turned", "turned, diameter × length", &sizes(&cut.summary.cylinders, "×"))?;
-            row("asked", "asked for", &sizes(&cut.summary.asked, "×"))?;
+            if let Some(asked) = &cut.summary.asked {
+                row("asked", "asked for", &sizes(asked, "×"))?;
+            }
             if cut.summary.required.is_some() {
                 row("tolerance", "worst deviation", &cut.summary.verdict())?;
             }

@@ -18,10 +18,12 @@ pub struct PartSummary {
     pub side: &'static str,
     /// The cylinders that it has, from the face on.
     pub cylinders: Vec<Measure>,
-    /// The cylinders that the program asked for.
-    pub asked: Vec<Measure>,
-    /// Where it is furthest from what was asked.
-    pub worst: Worst,
+    /// The cylinders that the program asked for; none, where nobody knows.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub asked: Option<Vec<Measure>>,
+    /// Where it is furthest from what was asked, if that is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub worst: Option<Worst>,
     /// What was required of it, if something was.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub required: Option<Required>,
@@ -131,20 +133,22 @@ pub(super) fn sizes(measures: &[Measure], by: &str) -> String {
 }
 
 impl PartSummary {
-    /// What is told of a part, beside what was asked for, and within what tolerance.
-    pub fn new(part: &Part, turned: &Turned, asked: &Profile, tolerance: Option<f64>) -> Self {
+    /// What is told of a part, beside what was asked for, if that is known, and within what tolerance.
+    pub fn new(part: &Part, turned: &Turned, asked: Option<&Profile>, tolerance: Option<f64>) -> Self {
         // A fillet and what the edge leaves of it.
         let between = 2.0 * part.nose.radius_mm() + 2.0 * GRID;
         let measures = |profile| cylinders(profile, between).into_iter().map(Measure::from).collect();
-        let worst = deviation(&turned.profile, asked);
+        let worst = asked.map(|asked| deviation(&turned.profile, asked));
+        let required = |worst: &Deviation| {
+            tolerance.map(|tolerance_mm| Required { tolerance_mm, met: is_within(worst.diameter, tolerance_mm) })
+        };
         Self {
             grid_mm: GRID,
             side: part.side.name(),
             cylinders: measures(&turned.profile),
-            asked: measures(asked),
-            worst: Worst { diameter_mm: mm(worst.diameter), z_mm: mm(worst.z), side: worst.side },
-            required: tolerance
-                .map(|tolerance_mm| Required { tolerance_mm, met: is_within(worst.diameter, tolerance_mm) }),
+            asked: asked.map(measures),
+            required: worst.as_ref().and_then(required),
+            worst: worst.map(|worst| Worst { diameter_mm: mm(worst.diameter), z_mm: mm(worst.z), side: worst.side }),
             events: turned.happenings.iter().map(EventSummary::from).collect(),
         }
     }
@@ -157,7 +161,8 @@ impl PartSummary {
     /// Whether it is not what somebody wants: what was required is not met; or nothing was, and it is further from what
     /// was asked than a shoulder may be.
     pub(super) fn is_off(&self) -> bool {
-        self.required.map_or(!is_within(self.worst.diameter_mm, SHOULDER), |required| !required.met)
+        let far = || self.worst.is_some_and(|worst| !is_within(worst.diameter_mm, SHOULDER));
+        self.required.map_or_else(far, |required| !required.met)
     }
 
     /// What is to be said of the worst deviation beyond itself.
@@ -171,10 +176,12 @@ impl PartSummary {
     }
 
     pub(super) fn write(&self, text: &mut fmt::Formatter<'_>, problem: Style) -> fmt::Result {
-        let [turned, asked] = [&self.cylinders, &self.asked].map(|measures| sizes(measures, "x"));
-        let done = if self.worst.side == Side::Inside { "bored " } else { "turned" };
+        let turned = sizes(&self.cylinders, "x");
+        let done = if self.side == Side::Inside.name() { "bored " } else { "turned" };
         writeln!(text, "{:<9}{done} {turned} (diameter x length, from the face)", "part")?;
-        writeln!(text, "{:<9}asked  {asked}", "")?;
+        if let Some(asked) = &self.asked {
+            writeln!(text, "{:<9}asked  {}", "", sizes(asked, "x"))?;
+        }
         let style = match self.required {
             _ if self.is_off() => problem,
             Some(_) => AnsiColor::Green.on_default().bold(),
@@ -182,7 +189,9 @@ impl PartSummary {
         };
         let verdict = Some(self.verdict()).filter(|verdict| !verdict.is_empty());
         let verdict = verdict.map_or_else(String::new, |verdict| format!("; {verdict}"));
-        writeln!(text, "{:<9}{style}worst  {}{verdict}{style:#}", "", self.worst)?;
+        if let Some(worst) = &self.worst {
+            writeln!(text, "{:<9}{style}worst  {worst}{verdict}{style:#}", "")?;
+        }
         for event in &self.events {
             let EventSummary { from_s, z_mm, worst, text: what, unit, .. } = event;
             writeln!(
