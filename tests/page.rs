@@ -312,6 +312,40 @@ fn a_program_is_refused_while_a_program_outside_has_the_port() {
     end(servo);
 }
 
+#[test]
+fn what_a_program_outside_has_made_is_drawn_reported_and_dumped_at_the_end() {
+    let folder = crate::common::folder();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (part, report, vcd, trace) = (path("part.svg"), path("a.html"), path("a.vcd"), path("a.torno"));
+    let files = ["--part", &part, "--report", &report, "--vcd", &vcd, "--record", &trace];
+    let up = Up::start(&[&["--in-process", "--pace", "50"][..], &files].concat());
+    let mut pc = up.pc();
+    // At 1500 rpm twelve slots in, and 5 mm along the bar.
+    for frame in [[0x4b, 0, 0, 0, 0, 0, 12, 1], [0x4b, 20, 0x08, 0xca, 1, 0, 0, 0]] {
+        pc.write(&frame);
+        while pc.read(1) != [crate::common::XON] {}
+    }
+    drop(pc);
+    end(up);
+    let read = |path: &str| std::fs::read_to_string(path).unwrap();
+    let drawing = read(&part);
+    assert!(drawing.contains("nobody knows what was asked") && !drawing.contains("(asked)"), "{drawing}");
+    // 28 mm, less ten slots of the twelve on either side, but for what the slide lacks of the last.
+    assert!(drawing.contains("Ø24."), "{drawing}");
+    let html = read(&report);
+    assert!(html.contains("<section id=\"part\">") && html.contains("24."), "{}", html.len());
+    assert!(read(&vcd).contains("pc_to_master"));
+    // The same from its recording.
+    let again = path("again.html");
+    assert!(output(&["trace", &trace, "--report", &again]).status.success());
+    let section =
+        |html: &str| html.split("<section id=\"part\">").nth(1).unwrap().split("</section>").next().map(str::len);
+    assert_eq!(section(&read(&again)), section(&html));
+    let none = output(&["up", "servo", "--part", &part]);
+    assert!(String::from_utf8(none.stderr).unwrap().contains("--part: the rig 'servo' turns no part"));
+    assert_eq!(none.status.code(), Some(2));
+}
+
 /// What is wrong with how the page is laid out: texts below 11 px, and whatever makes it wider than its window.
 const FLAWS: &str = r"(() => {
   const flaws = [];

@@ -112,7 +112,8 @@ fn print_rows(first: Option<&str>, rows: impl Iterator<Item = String>) -> io::Re
     output.flush()
 }
 
-fn write_waveforms(trace: &Trace, pins: Vec<Pin>, scale: Timescale, file: impl Write) -> io::Result<()> {
+/// Writes every line of a trace, and these pins, for a logic analyser.
+pub(super) fn write_waveforms(trace: &Trace, pins: Vec<Pin>, scale: Timescale, file: impl Write) -> io::Result<()> {
     let mut waveforms = Waveforms::new(&trace.header.layout);
     trace.facts.iter().for_each(|fact| waveforms.add(fact));
     waveforms.add_pins(pins);

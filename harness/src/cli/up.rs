@@ -12,16 +12,23 @@ use torno::fault::{self, FaultFile};
 use torno::kept::KeptFile;
 use torno::live::{Left, Live};
 use torno::pace::Pace;
-use torno::page::Page;
+use torno::report::Cut;
+use torno::report::page::Page;
 use torno::rig::ProcessChange;
 use torno::rig::file::{DEFAULT, RigFile};
 use torno::scenario::seed_text;
 use torno::session::INTERRUPTED as ENDED;
+use torno_trace::Timescale;
 use tracing::Instrument;
 
-use super::options::{Eeprom, Placement, keepers, write_kept};
+use super::options::{Eeprom, Placement, drawing, keepers, write_kept};
+use super::output::OutputFile;
+use super::trace::write_waveforms;
 use super::ways::{Open, Ports, Ways, attach, paths};
-use super::{FAILED, INTERRUPTED, Interrupt, load_rig, page, print, rig_span, start_recording, wait_for_boards};
+use super::{FAILED, INTERRUPTED, Interrupt, load_rig, page, print_beside, rig_span, start_recording, wait_for_boards};
+
+/// What stands for the name of a program in a drawing of what programs outside have made.
+const SESSION: &str = "a live session";
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -46,6 +53,15 @@ pub(super) struct Arguments {
     /// Records everything that happens, for 'torno trace', 'torno replay' and 'torno diff'; overwrites a trace
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
+    /// Draws the part that has been turned into this file (SVG), at the end; '-' is standard output
+    #[arg(long, value_name = "FILE", value_parser = drawing)]
+    part: Option<PathBuf>,
+    /// Writes a report of the session into this file (HTML), at the end; '-' is standard output
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+    /// Writes every line into this file for a logic analyser (VCD), at the end; '-' is standard output
+    #[arg(long, value_name = "FILE")]
+    vcd: Option<PathBuf>,
     /// Breaks what this file says: [[fault]] tables as in a scenario
     #[arg(long, value_name = "FILE")]
     faults: Option<PathBuf>,
@@ -107,6 +123,12 @@ impl Arguments {
     }
 
     async fn up(self, file: RigFile, kept_files: Vec<KeptFile>) -> anyhow::Result<ExitCode> {
+        if let Some(name) = self.part.as_ref().filter(|_| file.part.is_none()).map(|_| &file.name) {
+            anyhow::bail!("--part: the rig '{name}' turns no part: expected a [part] in its file");
+        }
+        let [drawing, report, vcd] =
+            [&self.part, &self.report, &self.vcd].map(|path| path.as_ref().map(OutputFile::create).transpose());
+        let made = Made { drawing: drawing?, report: report?, vcd: vcd? };
         // Before anything is announced, so that whoever reads the announcement may end the rig.
         let mut interrupt = Interrupt::listen()?;
         let open = self.ways.open_places(file, self.pace)?;
@@ -135,12 +157,20 @@ impl Arguments {
         live.plan(&faults);
         live.ask_at_the_end(keepers(&kept_files));
         let page = self.page.map(|address| page::open(address, &open.file, control.asker())).transpose()?;
-        if let Some(part) = open.file.part.as_ref().filter(|_| page.is_some()) {
+        let turns = page.is_some() || made.drawing.is_some() || made.report.is_some();
+        if let Some(part) = open.file.part.as_ref().filter(|_| turns) {
             live.turn(part);
         }
+        if made.report.is_some() || made.vcd.is_some() {
+            live.keep(header.clone());
+        }
+        if made.is_any() {
+            live.finish_whole();
+        }
         live.steer(control, header, names);
-        let url = page.as_ref().map(Page::url);
-        print(&announcement(&open, &live, &socket, url, self.pace, self.json)?)?;
+        let url = page.as_ref().map(torno::page::Page::url);
+        let files = [&self.part, &self.report, &self.vcd];
+        print_beside(&files, &announcement(&open, &live, &socket, url, self.pace, self.json)?)?;
         let _redirect = url.filter(|_| self.browser).map(page::browse).transpose()?;
         tokio::select! {
             ended = live.run() => match ended? {},
@@ -153,13 +183,45 @@ impl Arguments {
                 for unfired in &left.unfired {
                     tracing::warn!("{unfired}");
                 }
+                made.write(file, &left)?;
                 let died = left.incidents.iter().any(|incident| matches!(incident.what, ProcessChange::Died(_)));
-                print(&farewell(&left, self.json))?;
+                print_beside(&files, &farewell(&left, self.json))?;
                 Ok(if died { ExitCode::from(FAILED) } else { ExitCode::SUCCESS })
             }
             // Who cannot wait for a board that does not answer has a trace without an end.
             () = interrupt.received() => Ok(ExitCode::from(INTERRUPTED)),
         }
+    }
+}
+
+/// What is made of a session when it is over.
+struct Made<'a> {
+    drawing: Option<OutputFile<'a>>,
+    report: Option<OutputFile<'a>>,
+    vcd: Option<OutputFile<'a>>,
+}
+
+impl Made<'_> {
+    /// Whether anything is.
+    const fn is_any(&self) -> bool {
+        self.drawing.is_some() || self.report.is_some() || self.vcd.is_some()
+    }
+
+    /// Writes it. What a program outside has asked for, nobody knows.
+    fn write(self, rig: &RigFile, left: &Left) -> anyhow::Result<()> {
+        let cut = rig.part.clone().zip(left.turned.clone());
+        let cut = cut.map(|(part, turned)| Cut::new(part, None, turned, None));
+        if let (Some(file), Some(cut)) = (self.drawing, &cut) {
+            file.write(cut.draw(&rig.name, SESSION))?;
+        }
+        let Some(trace) = &left.trace else { return Ok(()) };
+        if let Some(file) = self.report {
+            file.write(Page { trace, summary: None, cut: cut.as_ref() }.html())?;
+        }
+        if let Some(file) = self.vcd {
+            file.write_by(|file| write_waveforms(trace, Vec::new(), Timescale::MICROSECOND, file))?;
+        }
+        Ok(())
     }
 }
 

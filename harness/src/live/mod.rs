@@ -26,7 +26,8 @@ use player::{Player, Texts};
 use steering::{Steering, next_call};
 use tap::Taps;
 use torno_engine::{Limit, LineId, NodeId};
-use torno_machines::workpiece::{Part, ToolPath};
+use torno_machines::workpiece::{Part, ToolPath, Turned};
+use torno_trace::{Header, Trace};
 
 /// Boards that nothing reaches are brought up to date this often, so that none has long to catch up when something
 /// does.
@@ -60,6 +61,8 @@ pub struct Live {
     asks_at_the_end: bool,
     /// What has become of boards' processes.
     incidents: Vec<Incident>,
+    /// Something is made of it when it is over.
+    is_whole: bool,
     /// How programs that are played from here are read, and the last one.
     texts: Texts,
     program: Option<Player>,
@@ -78,6 +81,10 @@ pub struct Left {
     pub unfired: Vec<Unfired>,
     /// What the boards keep without power that were to be asked.
     pub kept: Vec<Option<Kept>>,
+    /// Everything that happened, if it was kept.
+    pub trace: Option<Trace>,
+    /// What has come of the bar, if it was cut.
+    pub turned: Option<Turned>,
 }
 
 impl Live {
@@ -101,6 +108,7 @@ impl Live {
             asked: Lapse::begin(AT_ONCE),
             asks_at_the_end: false,
             incidents: Vec::new(),
+            is_whole: false,
             texts: Texts::of(file),
             program: None,
             path: None,
@@ -110,6 +118,16 @@ impl Live {
     /// Cuts this part while the rig runs. For a rig that does not run yet.
     pub fn turn(&mut self, part: &Part) {
         self.path = Some(ToolPath::new(part));
+    }
+
+    /// Keeps everything from the start, under this header. For a rig that does not run yet.
+    pub fn keep(&mut self, header: Header) {
+        self.session.keep(header);
+    }
+
+    /// Somebody makes something of what has happened when it is over: every board is brought to the end.
+    pub const fn finish_whole(&mut self) {
+        self.is_whole = true;
     }
 
     /// Records everything from the start. For a rig that does not run yet.
@@ -155,13 +173,15 @@ impl Live {
     /// [`SessionError`] if the rig breaks over it, or the recording cannot be written.
     pub async fn end(mut self) -> Result<Left, SessionError> {
         let mut end = self.now().max(self.session.rig().engine().frontier()).max(Instant::START.next());
-        if self.session.is_recorded() || self.asks_at_the_end {
+        let whole = self.session.is_recorded() || self.is_whole || self.asks_at_the_end;
+        if whole {
             self.settle(end).await?;
             end = self.session.reach_end(end, |_| ()).await?;
         }
         let unfired = self.session.unfired();
-        let kept = self.session.close(INTERRUPTED)?.kept;
-        Ok(Left { end, unfired, kept, incidents: self.incidents })
+        let turned = self.path.map(ToolPath::cut);
+        let crate::session::Ended { trace, kept, .. } = self.session.close(INTERRUPTED)?;
+        Ok(Left { end, unfired, kept, incidents: self.incidents, trace, turned })
     }
 
     /// The rig.
@@ -402,7 +422,7 @@ impl Live {
     fn play(&mut self, text: &str, now: Instant) -> Result<Result<(), String>, SessionError> {
         let gateway = &mut self.gateways[PC];
         if gateway.is_taken() {
-            let link = gateway.port.link().display();
+            let link = gateway.port.url();
             let why = "or has left something there that is not sent yet: expected it to be closed, and empty";
             return Ok(Err(format!("a program outside has the port {link} open, {why}")));
         }
