@@ -23,6 +23,7 @@ export function ticks(least, greatest, most) {
 /** The physical unit of a motor's count, and what one is worth in it. */
 export function physical(rig, chart) {
   const mm = rig.boards.find((board) => board.name === chart.board).motors[chart.motor]?.mm_per_count;
+  if (chart.unit === "nm") return { unit: "mm", worth: 1e-6, digits: 3 };
   if (chart.unit === "counts" && mm) return { unit: "mm", worth: mm, digits: 3 };
   return { unit: chart.unit, worth: 1, digits: 0 };
 }
@@ -144,7 +145,7 @@ function extent(courses, begin, worth) {
     }
   }
   if (!(least <= greatest)) return [0, 1];
-  const room = Math.max((greatest - least) * 0.08, Math.abs(greatest) * 1e-3, worth * 2);
+  const room = Math.max((greatest - least) * 0.08, Math.abs(greatest) * 1e-3, worth * 2, 1e-3);
   return [least - room, greatest + room];
 }
 

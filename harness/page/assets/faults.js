@@ -51,7 +51,7 @@ export class Pick {
     const can = (needs) => !needs || motor?.capabilities.includes(needs) || board?.capabilities.includes(needs);
     return this.#model.rig.faults.filter((fault) => {
       if (kind === "line") return fault.line;
-      const ofMotor = ["Motor", "Axis"].includes(fault.needs);
+      const ofMotor = ["Motor", "Axis", "Stepper"].includes(fault.needs);
       return !fault.line && !board.gateway && can(fault.needs) && (kind === "motor") === ofMotor;
     });
   }

@@ -30,9 +30,11 @@ export class Slides {
     const words = make("p", { class: "readout" });
     const element = make("div", {}, make("h3", {}, chart.name), picture, words);
     const physically = physical(this.#model.rig, chart);
-    const [least, greatest] = [-physically.worth, 200 * physically.worth];
+    // A unit that is too small to be seen is not what the drawing is measured by.
+    const seen = physically.unit === "mm" ? Math.max(physically.worth, 1e-3) : physically.worth;
+    const [least, greatest] = [-seen, 200 * seen];
     const parts = { picture, rod, ends, scale, thread, asked, carriage, words };
-    return { chart, element, ...parts, ...physically, least, greatest };
+    return { chart, element, ...parts, ...physically, seen, least, greatest };
   }
 
   draw() {
@@ -40,7 +42,7 @@ export class Slides {
   }
 
   #draw(slide) {
-    const { chart, worth, unit, digits } = slide;
+    const { chart, worth, unit, digits, seen } = slide;
     const model = this.#model;
     const value = (name) => (name ? model.value(chart.board, name) : 0);
     const believed = value(chart.got);
@@ -51,7 +53,7 @@ export class Slides {
     set(slide.carriage, "transform", `translate(${x(at).toFixed(2)} 0)`);
     set(slide.asked, "transform", `translate(${x(asked).toFixed(2)} 0)`);
     // The thread goes on as the screw turns.
-    const turn = (((at / (worth * 60)) % 1) + 1) % 1;
+    const turn = (((at / (seen * 60)) % 1) + 1) % 1;
     const threads = Array.from({ length: Math.floor((width - 2 * SIDE) / 9) }, (_, n) => SIDE + (n + turn) * 9);
     set(slide.thread, "d", threads.map((x) => `M${x.toFixed(1)} ${SCREW + 7}l4 -14`).join(""));
     const [is, wanted] = [at, asked].map((place) => `${number(place, digits)} ${unit}`);
