@@ -1,4 +1,5 @@
-//! How fast and how large it is: `cargo bench --bench speed`, with `-- --quick` for a first impression.
+//! How fast and how large it is: `cargo bench --bench speed`, with `-- --quick` for a first impression, with `-- grbl`
+//! the rig with the GRBL controller only.
 //!
 //! Prints a table of what was wanted and what was found; judges nothing, for a busy machine would be judged too. The
 //! program is built as for a release, and is measured from outside: what its user waits for, and what `/proc` says.
@@ -10,6 +11,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 mod engraver;
+mod grbl;
 mod lockstep;
 mod masters;
 
@@ -34,6 +36,7 @@ struct Effort {
     idle: Duration,
     motion: Duration,
     frames: usize,
+    lines: usize,
 }
 
 fn main() {
@@ -42,11 +45,14 @@ fn main() {
     }
     let quick = std::env::args().any(|argument| argument == "--quick");
     let effort = if quick {
-        Effort { runs: 3, idle: Duration::from_secs(1), motion: Duration::from_secs(2), frames: 40 }
+        Effort { runs: 3, idle: Duration::from_secs(1), motion: Duration::from_secs(2), frames: 40, lines: 1_000 }
     } else {
-        Effort { runs: 15, idle: Duration::from_secs(5), motion: Duration::from_secs(10), frames: 200 }
+        Effort { runs: 15, idle: Duration::from_secs(5), motion: Duration::from_secs(10), frames: 200, lines: 10_000 }
     };
     println!();
+    if std::env::args().any(|argument| argument == "grbl") {
+        return grbl::measure(2 * effort.frames, effort.motion, effort.lines);
+    }
     runs(effort.runs);
     println!();
     curve(effort.runs.div_ceil(3));
@@ -61,6 +67,7 @@ fn main() {
     memory(&up);
     drop(up);
     latency(effort.frames);
+    grbl::measure(2 * effort.frames, effort.motion, effort.lines);
     println!();
 }
 
@@ -234,15 +241,17 @@ fn busy_for(up: &Up, wall: Duration) -> f64 {
 
 /// Seconds of a core that all five have used. Not `stat`, which counts in hundredths.
 fn busy(up: &Up) -> f64 {
+    processes(up).into_iter().map(busy_of).sum()
+}
+
+/// The same of one process.
+fn busy_of(pid: u64) -> f64 {
     let of_task = |path: &Path| {
         let text = fs::read_to_string(path.join("schedstat")).unwrap();
         text.split_whitespace().next().unwrap().parse::<f64>().unwrap() / 1e9
     };
-    let of_process = |pid: u64| -> f64 {
-        let tasks = fs::read_dir(format!("/proc/{pid}/task")).unwrap();
-        tasks.map(|task| of_task(&task.unwrap().path())).sum()
-    };
-    processes(up).into_iter().map(of_process).sum()
+    let tasks = fs::read_dir(format!("/proc/{pid}/task")).unwrap();
+    tasks.map(|task| of_task(&task.unwrap().path())).sum()
 }
 
 fn processes(up: &Up) -> Vec<u64> {
@@ -251,16 +260,23 @@ fn processes(up: &Up) -> Vec<u64> {
     processes
 }
 
-fn memory(up: &Up) {
-    let sum = |file: &str, field: &str| -> f64 {
-        let of_process = |pid: u64| -> f64 {
-            let text = fs::read_to_string(format!("/proc/{pid}/{file}")).unwrap();
-            let line = text.lines().find_map(|line| line.strip_prefix(field)).unwrap();
-            line.trim_end_matches("kB").trim().parse().unwrap()
-        };
-        processes(up).into_iter().map(of_process).sum::<f64>() / 1e3 * 1.024
+/// The sum of a field of all processes in `/proc`, in MB.
+fn sum(up: &Up, file: &str, field: &str) -> f64 {
+    let of_process = |pid: u64| -> f64 {
+        let text = fs::read_to_string(format!("/proc/{pid}/{file}")).unwrap();
+        let line = text.lines().find_map(|line| line.strip_prefix(field)).unwrap();
+        line.trim_end_matches("kB").trim().parse().unwrap()
     };
-    let (resident, own) = (sum("status", "VmRSS:"), sum("smaps_rollup", "Pss:"));
+    processes(up).into_iter().map(of_process).sum::<f64>() / 1e3 * 1.024
+}
+
+/// What it has resident, with shared pages once, in MB.
+fn own_memory(up: &Up) -> f64 {
+    sum(up, "smaps_rollup", "Pss:")
+}
+
+fn memory(up: &Up) {
+    let (resident, own) = (sum(up, "status", "VmRSS:"), own_memory(up));
     row("up, resident, five processes", "60 MB", &format!("{resident:.1} MB, {own:.1} MB with shared pages once"));
 }
 
@@ -269,26 +285,33 @@ fn memory(up: &Up) {
 fn latency(frames: usize) {
     let up = Up::start(&[]);
     let mut pc = up.pc();
-    let (mut late, mut bare) = (Vec::new(), Vec::new());
-    let (mut near, mut far) = TTYPort::pair().unwrap();
-    far.set_timeout(Duration::from_secs(10)).unwrap();
+    let (mut later, mut alone) = (Vec::new(), Vec::new());
     for _ in 0..frames {
         let start = Instant::now();
         pc.write(&AT_REST);
         pc.expect(&[ACK]);
-        late.push(ms(start.elapsed()) - WIRE_MS);
+        later.push(ms(start.elapsed()) - WIRE_MS);
         pc.expect(&[XON]);
-        let start = Instant::now();
-        thread::sleep(Duration::from_secs_f64(WIRE_MS / 1e3));
-        near.write_all(&[ACK]).unwrap();
-        far.read_exact(&mut [0]).unwrap();
-        bare.push(ms(start.elapsed()) - WIRE_MS);
+        alone.push(bare(WIRE_MS));
     }
-    let found = |mut values: Vec<f64>| {
-        values.sort_by(f64::total_cmp);
-        let at = |share: f64| values[((values.len() - 1) as f64 * share).round() as usize];
-        format!("{:.2} ms (median {:.2}, max {:.2}, {frames} frames)", at(0.99), at(0.5), at(1.0))
-    };
-    row("up, ACK later than the wire, p99", "3 ms", &found(late));
-    row("a timer and a pty alone, p99", "", &found(bare));
+    row("up, ACK later than the wire, p99", "3 ms", &late(later, "frames"));
+    row("a timer and a pty alone, p99", "", &late(alone, "frames"));
+}
+
+/// How late a timer of so many milliseconds and then a byte through a pty are, in milliseconds.
+fn bare(timer_ms: f64) -> f64 {
+    let (mut near, mut far) = TTYPort::pair().unwrap();
+    far.set_timeout(Duration::from_secs(10)).unwrap();
+    let start = Instant::now();
+    thread::sleep(Duration::from_secs_f64(timer_ms / 1e3));
+    near.write_all(&[ACK]).unwrap();
+    far.read_exact(&mut [0]).unwrap();
+    ms(start.elapsed()) - timer_ms
+}
+
+/// What is late, for people.
+fn late(mut values: Vec<f64>, what: &str) -> String {
+    values.sort_by(f64::total_cmp);
+    let at = |share: f64| values[((values.len() - 1) as f64 * share).round() as usize];
+    format!("{:.2} ms (median {:.2}, max {:.2}, {} {what})", at(0.99), at(0.5), at(1.0), values.len())
 }
