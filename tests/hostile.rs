@@ -18,6 +18,7 @@ use serialport::{ClearBuffer, SerialPort};
 
 use crate::common::clients::terminal;
 use crate::common::{ACK, AT_REST, PATIENCE, Pc, Up, XON, kill, wait_until};
+use crate::ways::{Client, RFC2217, TCP, logged_up_by, memory};
 
 fn size(small: usize, full: usize) -> usize {
     if std::env::var_os("TORNO_HOSTILE").is_some() { full } else { small }
@@ -65,15 +66,40 @@ fn works(up: &Up) {
 }
 
 /// Writes random bytes until `goes_on` says no, while all replies are read. Says how many there were of both.
-fn noise(up: &Up, mut goes_on: impl FnMut(usize) -> bool) -> (usize, usize) {
+fn noise(up: &Up, goes_on: impl FnMut(usize) -> bool) -> (usize, usize) {
     let mut pc = client(up, 9_600);
     let mut reader = pc.port.try_clone_native().unwrap();
     reader.set_timeout(Duration::from_millis(500)).unwrap();
+    pc.port.set_timeout(Duration::from_secs(600)).unwrap();
+    noise_between(
+        reader,
+        pc.port,
+        goes_on,
+        |_| (),
+        |port| {
+            if size(1, 0) == 1 {
+                // At line rate, what the kernel holds would take 20 s.
+                port.clear(ClearBuffer::Output).unwrap();
+            }
+        },
+    )
+}
+
+/// The same, over any two ends of a port, with noise that `garble` may change; at the end, `give_up` may take back what
+/// is not sent. A read must not last.
+fn noise_between<W: Write>(
+    mut reader: impl Read + Send + 'static,
+    mut writer: W,
+    mut goes_on: impl FnMut(usize) -> bool,
+    garble: impl Fn(&mut [u8]),
+    give_up: impl FnOnce(&mut W),
+) -> (usize, usize) {
     let (over, ended) = std::sync::mpsc::channel::<()>();
     let replies = thread::spawn(move || {
         let (mut replies, mut buffer) = (0, [0; 4096]);
         loop {
             match reader.read(&mut buffer) {
+                Ok(0) => return replies,
                 Ok(read) => replies += read,
                 Err(_) if ended.try_recv().is_ok() => return replies,
                 Err(_) => {}
@@ -81,16 +107,13 @@ fn noise(up: &Up, mut goes_on: impl FnMut(usize) -> bool) -> (usize, usize) {
         }
     });
     let (mut random, mut bytes, mut written) = (ChaCha8Rng::seed_from_u64(12), [0; 1024], 0);
-    pc.port.set_timeout(Duration::from_secs(600)).unwrap();
     while goes_on(written) {
         random.fill_bytes(&mut bytes);
-        pc.port.write_all(&bytes).unwrap();
+        garble(&mut bytes);
+        writer.write_all(&bytes).unwrap();
         written += bytes.len();
     }
-    if size(1, 0) == 1 {
-        // At line rate, what the kernel holds would take 20 s.
-        pc.port.clear(ClearBuffer::Output).unwrap();
-    }
+    give_up(&mut writer);
     over.send(()).unwrap();
     (written, replies.join().unwrap())
 }
@@ -169,4 +192,129 @@ fn terminals_opened_elsewhere() {
         pc.expect(&[ACK, XON]);
     }
     tell(&up, &format!("terminals elsewhere: {}", terminals + 5 * size(200, 2_000)));
+}
+
+// --- TCP and RFC 2217 -----------------------------------------------------------------------------------------------
+
+/// The rig still does what it is for, whatever was left.
+fn works_by(up: &Up) {
+    let executes = || {
+        // The silence after which the master listens again.
+        thread::sleep(Duration::from_millis(200));
+        let mut pc = Client::of(up);
+        pc.0.set_read_timeout(Some(Duration::from_secs(2))).unwrap();
+        let mut replies = Vec::new();
+        let mut buffer = [0; 64];
+        pc.0.write_all(&AT_REST).unwrap();
+        while let Ok(read @ 1..) = pc.0.read(&mut buffer) {
+            replies.extend(&buffer[..read]);
+            if replies.ends_with(&[ACK, XON]) {
+                return true;
+            }
+        }
+        false
+    };
+    let (start, patience) = (Instant::now(), Duration::from_secs(size(60, 1_800) as u64));
+    while !executes() {
+        assert!(start.elapsed() < patience, "a frame is not executed");
+    }
+}
+
+/// Without growth: what it has after a load is what it has after a small one.
+fn assert_small(up: &Up, before: u64) {
+    let after = memory(up);
+    assert!(after < before + 16_000, "{before} kB before, {after} kB after");
+}
+
+fn random_bytes_by(transport: &str) {
+    let bytes = size(20_000, 10_000_000);
+    let up = logged_up_by("warn", transport, &["--pace", "max"]);
+    let (before, start) = (memory(&up), Instant::now());
+    let writer = Client::of(&up).0;
+    let reader = writer.try_clone().unwrap();
+    reader.set_read_timeout(Some(Duration::from_millis(500))).unwrap();
+    let (written, replies) = noise_between(reader, writer, |written| written < bytes, |_| (), |_| ());
+    let lasted = start.elapsed();
+    works_by(&up);
+    tell(&up, &format!("noise by {transport}: {written} bytes in {lasted:.1?}, {replies} bytes back"));
+    assert_small(&up, before);
+}
+
+#[test]
+fn random_bytes_by_tcp() {
+    random_bytes_by(TCP);
+}
+
+#[test]
+fn random_bytes_by_rfc_2217() {
+    random_bytes_by(RFC2217);
+}
+
+fn connections_by(transport: &str) {
+    let times = size(300, 1_000_000);
+    let up = logged_up_by("error", transport, &["--pace", "max"]);
+    let (before, start) = (memory(&up), Instant::now());
+    let mut made = 0;
+    while made < times {
+        made += 1;
+        let n = made;
+        let mut pc = Client::of(&up);
+        match n % 4 {
+            0 => drop(pc.0.write_all(&AT_REST[..n % 8])),
+            1 => drop(pc.0.write_all(&[255, 250, 44, 5][..n % 5])),
+            _ => {}
+        }
+        // Closed by a reset: the system keeps the address of each that is closed in another way for a minute.
+        if n >= 100 {
+            rustix::net::sockopt::set_socket_linger(&pc.0, Some(Duration::ZERO)).unwrap();
+        }
+        // With more than the system lets wait, the next would be kept waiting for a second. Who is refused knows that
+        // all before have been attended to.
+        if n % 8 == 0 {
+            assert!(Client::of(&up).read_all().starts_with(b"torno: "));
+            made += 1;
+        }
+    }
+    let lasted = start.elapsed();
+    works_by(&up);
+    tell(&up, &format!("connections by {transport}: {times} in {lasted:.1?}"));
+    assert_small(&up, before);
+}
+
+#[test]
+fn connections_by_tcp() {
+    connections_by(TCP);
+}
+
+#[test]
+fn connections_by_rfc_2217() {
+    connections_by(RFC2217);
+}
+
+/// Telnet that means something, and telnet that does not: all of it ends at the port.
+#[test]
+fn negotiation_by_rfc_2217() {
+    const COMMANDS: [u8; 10] = [0, 1, 2, 3, 4, 6, 7, 10, 11, 12];
+    let bytes = size(20_000, 10_000_000);
+    let up = logged_up_by("warn", RFC2217, &["--pace", "max"]);
+    let (before, start) = (memory(&up), Instant::now());
+    let writer = Client::of(&up).0;
+    let reader = writer.try_clone().unwrap();
+    reader.set_read_timeout(Some(Duration::from_millis(500))).unwrap();
+    // A verb and an option; and a subnegotiation of any command and content, but breaks, which are for the line.
+    let garble = |noise: &mut [u8]| {
+        for words in noise.chunks_exact_mut(8) {
+            let [kind, a, b, c, ..] = *words else { return };
+            match kind % 2 {
+                0 => words[..6].copy_from_slice(&[255, 251 + a % 4, b, 255, 251 + c % 4, 44]),
+                _ => words[..4].copy_from_slice(&[255, 250, 44, COMMANDS[usize::from(a) % COMMANDS.len()]]),
+            }
+            words[6..].copy_from_slice(&[255, 240]);
+        }
+    };
+    let (written, back) = noise_between(reader, writer, |written| written < bytes, garble, |_| ());
+    let lasted = start.elapsed();
+    works_by(&up);
+    tell(&up, &format!("negotiation: {written} bytes in {lasted:.1?}, {back} bytes back"));
+    assert_small(&up, before);
 }

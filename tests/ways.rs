@@ -15,7 +15,7 @@ fn up_by(transport: &str, arguments: &[&str]) -> Up {
     logged_up_by("trace", transport, arguments)
 }
 
-fn logged_up_by(level: &str, transport: &str, arguments: &[&str]) -> Up {
+pub(crate) fn logged_up_by(level: &str, transport: &str, arguments: &[&str]) -> Up {
     let folder = folder();
     let control = folder.path().join("control");
     let mut command = torno(&["up", "--json", "--transport", transport, "--control", control.to_str().unwrap()]);
@@ -23,14 +23,14 @@ fn logged_up_by(level: &str, transport: &str, arguments: &[&str]) -> Up {
     Up::launch(command, folder)
 }
 
-const TCP: &str = "tcp://127.0.0.1:0";
-const RFC2217: &str = "rfc2217://127.0.0.1:0";
+pub(crate) const TCP: &str = "tcp://127.0.0.1:0";
+pub(crate) const RFC2217: &str = "rfc2217://127.0.0.1:0";
 
 /// A client by TCP that blocks.
-struct Client(TcpStream);
+pub(crate) struct Client(pub(crate) TcpStream);
 
 impl Client {
-    fn of(up: &Up) -> Self {
+    pub(crate) fn of(up: &Up) -> Self {
         let url = up.ready["ports"]["pc"]["port"].as_str().unwrap();
         let stream = TcpStream::connect(url.split_once("://").unwrap().1).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
@@ -39,7 +39,7 @@ impl Client {
     }
 
     /// One that has the port.
-    fn admitted(up: &Up) -> Self {
+    pub(crate) fn admitted(up: &Up) -> Self {
         let before = times(up, "has been opened");
         let client = Self::of(up);
         wait_for_times(up, "has been opened", before + 1);
@@ -63,7 +63,7 @@ impl Client {
     }
 
     /// All that comes until the other end closes.
-    fn read_all(&mut self) -> Vec<u8> {
+    pub(crate) fn read_all(&mut self) -> Vec<u8> {
         let mut all = Vec::new();
         match self.0.read_to_end(&mut all) {
             Err(error) if error.kind() != ErrorKind::ConnectionReset => panic!("{error}"),
@@ -181,7 +181,7 @@ fn a_client_that_never_reads_stalls_nothing_and_what_it_does_not_read_is_lost() 
 }
 
 /// Resident, in kB.
-fn memory(up: &Up) -> u64 {
+pub(crate) fn memory(up: &Up) -> u64 {
     let status = std::fs::read_to_string(format!("/proc/{}/status", up.pid())).unwrap();
     let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();
     line.split_whitespace().next().unwrap().parse().unwrap()

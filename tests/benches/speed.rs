@@ -1,5 +1,5 @@
 //! How fast and how large it is: `cargo bench --bench speed`, with `-- --quick` for a first impression, with `-- grbl`
-//! the rig with the GRBL controller only.
+//! the rig with the GRBL controller only, with `-- --latency` the port only.
 //!
 //! Prints a table of what was wanted and what was found; judges nothing, for a busy machine would be judged too. The
 //! program is built as for a release, and is measured from outside: what its user waits for, and what `/proc` says.
@@ -17,6 +17,7 @@ mod masters;
 
 use std::fs;
 use std::io::{Read, Write};
+use std::net::TcpStream;
 use std::path::Path;
 use std::thread;
 use std::time::{Duration, Instant};
@@ -52,6 +53,9 @@ fn main() {
     println!();
     if std::env::args().any(|argument| argument == "grbl") {
         return grbl::measure(2 * effort.frames, effort.motion, effort.lines);
+    }
+    if std::env::args().any(|argument| argument == "--latency") {
+        return latency(effort.frames);
     }
     runs(effort.runs);
     println!();
@@ -280,21 +284,37 @@ fn memory(up: &Up) {
     row("up, resident, five processes", "60 MB", &format!("{resident:.1} MB, {own:.1} MB with shared pages once"));
 }
 
-/// How late an `ACK` comes; and, as often and in between, how late a bare timer and a byte through a pty are. No rig
-/// can do better than that: on a busy machine both wait for a processor.
+/// How late an `ACK` comes by a pty, by TCP and by RFC 2217, in turn; and, as often and in between, how late a bare
+/// timer and a byte through a pty are. No rig can do better than that: on a busy machine both wait for a processor.
 fn latency(frames: usize) {
-    let up = Up::start(&[]);
-    let mut pc = up.pc();
-    let (mut later, mut alone) = (Vec::new(), Vec::new());
+    let ups = [None, Some("tcp"), Some("rfc2217")].map(|scheme| match scheme {
+        None => Up::start(&[]),
+        Some(scheme) => {
+            let folder = folder();
+            let mut command = torno(&["up", "--json", "--transport", &format!("{scheme}://127.0.0.1:0"), "--control"]);
+            command.arg(folder.path().join("control"));
+            Up::launch(command, folder)
+        }
+    });
+    let mut pcs = ups.each_ref().map(client);
+    let (mut later, mut alone) = ([const { Vec::new() }; 3], Vec::new());
     for _ in 0..frames {
-        let start = Instant::now();
-        pc.write(&AT_REST);
-        pc.expect(&[ACK]);
-        later.push(ms(start.elapsed()) - WIRE_MS);
-        pc.expect(&[XON]);
+        for (pc, later) in pcs.iter_mut().zip(&mut later) {
+            let mut replies = [0];
+            let start = Instant::now();
+            pc.write_all(&AT_REST).unwrap();
+            pc.read_exact(&mut replies).unwrap();
+            later.push(ms(start.elapsed()) - WIRE_MS);
+            assert_eq!(replies, [ACK]);
+            pc.read_exact(&mut replies).unwrap();
+            assert_eq!(replies, [XON]);
+        }
         alone.push(bare(WIRE_MS));
     }
-    row("up, ACK later than the wire, p99", "3 ms", &late(later, "frames"));
+    let [pty, tcp, rfc2217] = later;
+    row("up, ACK later than the wire, p99", "3 ms", &late(pty, "frames"));
+    row("the same by TCP", "1 ms more", &late(tcp, "frames"));
+    row("the same by RFC 2217", "1 ms more", &late(rfc2217, "frames"));
     row("a timer and a pty alone, p99", "", &late(alone, "frames"));
 }
 
@@ -314,4 +334,20 @@ fn late(mut values: Vec<f64>, what: &str) -> String {
     values.sort_by(f64::total_cmp);
     let at = |share: f64| values[((values.len() - 1) as f64 * share).round() as usize];
     format!("{:.2} ms (median {:.2}, max {:.2}, {} {what})", at(0.99), at(0.5), at(1.0), values.len())
+}
+
+trait Duplex: Read + Write {}
+impl<T: Read + Write> Duplex for T {}
+
+/// A client that blocks.
+fn client(up: &Up) -> Box<dyn Duplex> {
+    let port = up.ready["ports"]["pc"]["port"].as_str().unwrap();
+    let Some((scheme, address)) = port.split_once("://") else { return Box::new(up.pc().port) };
+    let mut stream = TcpStream::connect(address).unwrap();
+    stream.set_nodelay(true).unwrap();
+    if scheme == "rfc2217" {
+        // Four options are negotiated at first.
+        stream.read_exact(&mut [0; 12]).unwrap();
+    }
+    Box::new(stream)
 }
