@@ -7,6 +7,7 @@ use torno_protocol::layout::GATEWAY;
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::{BITS_PER_CHARACTER, Format};
 
+use super::unread::Unread;
 use crate::observe::log;
 use crate::port::{LineCoding, LineSettings, PcPort, PortEvent};
 use crate::rig::file;
@@ -52,6 +53,7 @@ pub(super) struct Gateway {
     supply: Vec<Instant>,
     /// The instant of the last thing that the UART has been told.
     told: Instant,
+    unread: Unread,
 }
 
 impl Gateway {
@@ -78,6 +80,7 @@ impl Gateway {
             holds: gateway.dialect.holds_the_pc(),
             supply,
             told: Instant::START,
+            unread: Unread::default(),
         }
     }
 
@@ -164,7 +167,7 @@ impl Gateway {
         let at = self.in_turn(now);
         self.configure(at, session)?;
         let lost = self.port.write(&received);
-        if lost > 0 {
+        if let Some(lost) = self.unread.add(lost) {
             tracing::warn!("the program at the {} port does not read: {lost} bytes are lost", self.name);
         }
         Ok(())
@@ -202,6 +205,7 @@ impl Gateway {
             }
             PortEvent::Opened => {
                 tracing::info!("the {} port has been opened", self.name);
+                self.unread.forget();
                 self.was_opened = true;
                 if !self.port.tells_dtr() {
                     self.restart(at, session);

@@ -4,6 +4,7 @@ mod gateway;
 mod player;
 mod steering;
 mod tap;
+mod unread;
 
 use std::future::{Future, poll_fn};
 use std::io;

@@ -9,27 +9,47 @@ use torno_engine::LineId;
 use torno_protocol::layout::Layout;
 use torno_protocol::time::Instant;
 
+use super::unread::Unread;
 use crate::port::{PcPort, PortEvent};
 use crate::session::Happened;
 
 /// The taps of a rig.
 pub(super) struct Taps {
     ears: Ears,
-    /// The line that is heard, its name, and where it is heard.
-    taps: Vec<(LineId, String, PcPort)>,
+    taps: Vec<Tap>,
+}
+
+struct Tap {
+    /// The line that is heard, and its name.
+    line: LineId,
+    name: String,
+    /// Where it is heard.
+    port: PcPort,
+    unread: Unread,
+}
+
+impl Tap {
+    /// A client comes or goes; what it writes goes nowhere.
+    fn take(&mut self, event: &PortEvent) {
+        if *event == PortEvent::Opened {
+            tracing::info!("a program listens to {}", self.name);
+            self.unread.forget();
+        }
+    }
 }
 
 impl Taps {
     /// Taps at these lines.
     pub(super) fn new(layout: &Layout, taps: Vec<(LineId, PcPort)>) -> Self {
         let name = |line: LineId| layout.lines[line].name.clone();
-        let taps = taps.into_iter().map(|(line, port)| (line, name(line), port)).collect();
+        let tap = |(line, port)| Tap { line, name: name(line), port, unread: Unread::default() };
+        let taps = taps.into_iter().map(tap).collect();
         Self { ears: Ears::new(layout), taps }
     }
 
     /// The ports, with the names of their lines.
     pub(super) fn ports(&self) -> impl Iterator<Item = (&str, &PcPort)> {
-        self.taps.iter().map(|(_, name, port)| (name.as_str(), port))
+        self.taps.iter().map(|tap| (tap.name.as_str(), &tap.port))
     }
 
     /// Takes note of what has happened.
@@ -46,11 +66,11 @@ impl Taps {
             return;
         }
         let heard = self.ears.hear(until);
-        for (line, name, port) in &mut self.taps {
+        for Tap { line, name, port, unread } in &mut self.taps {
             let bytes: Vec<u8> =
                 heard.iter().filter(|heard| heard.line == *line).map(|heard| heard.character.byte).collect();
             let lost = if bytes.is_empty() { 0 } else { port.write(&bytes) };
-            if lost > 0 {
+            if let Some(lost) = unread.add(lost) {
                 tracing::warn!("the program at the tap of {name} does not read: {lost} bytes are lost");
             }
         }
@@ -58,9 +78,9 @@ impl Taps {
 
     /// Lets clients in and out; what they write goes nowhere.
     pub(super) fn attend(&mut self) -> io::Result<()> {
-        for (_, name, port) in &mut self.taps {
-            while let Some(event) = port.try_event(usize::MAX, None)? {
-                tell(name, &event);
+        for tap in &mut self.taps {
+            while let Some(event) = tap.port.try_event(usize::MAX, None)? {
+                tap.take(&event);
             }
         }
         Ok(())
@@ -68,22 +88,20 @@ impl Taps {
 
     /// Waits for a client to come or to go. Cancel-safe.
     pub(super) async fn event(&mut self) -> io::Result<()> {
-        let mut events: Vec<_> =
-            self.taps.iter_mut().map(|(_, name, port)| (name, Box::pin(port.event(usize::MAX, None)))).collect();
+        let attend = async |tap: &mut Tap| {
+            let event = tap.port.event(usize::MAX, None).await?;
+            tap.take(&event);
+            Ok(())
+        };
+        let mut events: Vec<_> = self.taps.iter_mut().map(|tap| Box::pin(attend(tap))).collect();
         poll_fn(|context| {
-            for (name, event) in &mut events {
+            for event in &mut events {
                 if let Poll::Ready(event) = event.as_mut().poll(context) {
-                    return Poll::Ready(event.map(|event| tell(name, &event)));
+                    return Poll::Ready(event);
                 }
             }
             Poll::Pending
         })
         .await
-    }
-}
-
-fn tell(line: &str, event: &PortEvent) {
-    if *event == PortEvent::Opened {
-        tracing::info!("a program listens to {line}");
     }
 }
