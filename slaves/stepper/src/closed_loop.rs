@@ -19,6 +19,9 @@ pub enum Cause {
     TooFar,
 }
 
+/// The stop in a row with nothing to correct after which what is left is corrected. (Ours.)
+const VAIN_MAX: u32 = 3;
+
 /// What is to be done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Verdict {
@@ -50,6 +53,8 @@ pub(crate) struct ClosedLoop {
     tries: u32,
     tries_max: u32,
     best: Option<i64>,
+    /// Stops in a row after which there was nothing to correct.
+    vain: u32,
 }
 
 impl ClosedLoop {
@@ -74,6 +79,7 @@ impl ClosedLoop {
             tries: 0,
             tries_max: control.tries,
             best: None,
+            vain: 0,
         }
     }
 
@@ -121,15 +127,17 @@ impl ClosedLoop {
     }
 
     /// What is to be done about this error.
-    pub(crate) const fn judge(&mut self, error: i64) -> Verdict {
+    pub(crate) fn judge(&mut self, error: i64) -> Verdict {
         let size = error.saturating_abs();
         if size > self.stop {
             return Verdict::GiveUp(Cause::TooFar);
         }
         if !self.finds(error) {
+            let is_first = self.best.is_none();
             self.restart();
-            return Verdict::Quiet;
+            return if is_first { self.stop_in_vain(error) } else { Verdict::Quiet };
         }
+        self.vain = 0;
         match self.best {
             Some(best) if best - size < self.half_count => self.tries += 1,
             _ => (self.tries, self.best) = (0, Some(size)),
@@ -138,6 +146,18 @@ impl ClosedLoop {
             return Verdict::GiveUp(Cause::Stalled);
         }
         Verdict::Correct(error.signum() * ((size + self.pulse_pm / 2) / self.pulse_pm))
+    }
+
+    /// At rest, an error is smaller than in motion, and a stop may find nothing to correct. If that happens thrice in a
+    /// row, what is left is corrected although it is small: else the loop would stop again and again. Half a count is
+    /// the least that the encoder tells for certain.
+    fn stop_in_vain(&mut self, error: i64) -> Verdict {
+        self.vain += 1;
+        if self.vain < VAIN_MAX || error.saturating_abs() < self.half_count.max((self.pulse_pm + 1) / 2) {
+            return Verdict::Quiet;
+        }
+        (self.vain, self.best) = (0, Some(error.saturating_abs()));
+        Verdict::Correct(error.signum() * ((error.saturating_abs() + self.pulse_pm / 2) / self.pulse_pm))
     }
 
     /// The train of `pulses` that are added; at the rate of the program's, if there is one.

@@ -76,6 +76,7 @@ pub(crate) struct Slow {
     pub(crate) margin: f64,
     phase: Phase,
     tries: u32,
+    vain: u32,
     best: Option<i64>,
     events: VecDeque<Event>,
 }
@@ -146,6 +147,7 @@ impl Slow {
             margin: 1.0,
             phase: Phase::Watching,
             tries: 0,
+            vain: 0,
             best: None,
             events: VecDeque::new(),
             settings: settings.clone(),
@@ -440,9 +442,14 @@ impl Slow {
             return self.give_up(Cause::TooFar);
         }
         if error.abs() < self.dead_band * self.pulse_pm {
-            self.phase = Phase::Watching;
-            return self.events.push_back(Event::Resume { ramp: true });
+            let first = self.best.is_none();
+            self.vain += u32::from(first);
+            if !(first && self.vain >= 3 && error.abs() >= (self.count_pm / 2).max((self.pulse_pm + 1) / 2)) {
+                self.phase = Phase::Watching;
+                return self.events.push_back(Event::Resume { ramp: true });
+            }
         }
+        self.vain = 0;
         match self.best {
             Some(best) if best - error.abs() < self.count_pm / 2 => self.tries += 1,
             _ => (self.tries, self.best) = (0, Some(error.abs())),
