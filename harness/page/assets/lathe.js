@@ -85,8 +85,10 @@ export class Lathe {
     const hole = this.#inside ? corners : [[0, bore / 2], [-out, bore / 2]];
     set(this.bore, "d", bore || this.#inside ? shape(hole) : "");
     this.#radius = (place) => corners.find(([z]) => z <= place)?.[1] ?? diameter / 2;
-    const events = part.events.map(({ event, from_s: from, z_mm: z, worst, unit }) =>
-      make("li", {}, `${say(`event_${event}`)}: ${from.toFixed(3)} s, z ${number(z, 2)} mm, ${number(worst, 2)} ${unit}`));
+    const events = part.events.map(({ event, from_s: from, z_mm: z, worst, unit }) => {
+      const place = `${from.toFixed(3)} s, z ${number(z, 2)} mm`;
+      return make("li", {}, `${say(`event_${event}`)}: ${place}, ${number(worst, 2)} ${unit}`);
+    });
     find("part-events").hidden = !events.length;
     find("part-events").replaceChildren(...events);
   }
