@@ -178,7 +178,11 @@ fn a_client_that_never_reads_stalls_nothing_and_what_it_does_not_read_is_lost() 
     // What the one before has asked is still answered: whoever reads byte by byte would not keep up.
     let (mut heard, mut buffer) = (String::new(), [0; 4096]);
     while !heard.contains("Grbl 1.1h") {
-        let read = next.0.read(&mut buffer).unwrap();
+        // Other tests have signals.
+        let read = match next.0.read(&mut buffer) {
+            Err(error) if error.kind() == ErrorKind::Interrupted => continue,
+            read => read.unwrap(),
+        };
         assert!(read > 0, "closed after {heard}");
         heard.push_str(&String::from_utf8_lossy(&buffer[..read]));
         heard = heard.split_off(heard.len().saturating_sub(8192));
