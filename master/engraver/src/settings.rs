@@ -158,6 +158,13 @@ impl EngraverSettings {
         };
         settings.encoder.counter_bits = COUNTER_BITS[axis];
         settings.motor = self.motor.clone();
+        if own.is_none() {
+            // Its motor is one of the same kind: what is mm/s at a screw is so many degrees a second here.
+            let turned = settings.mechanics.mm_per_rev() / self.mechanics.mm_per_rev();
+            let MotorSettings { corner_mm_per_s, start_mm_per_s, .. } = &mut settings.motor;
+            *corner_mm_per_s = (*corner_mm_per_s * turned).min(10_000.0);
+            *start_mm_per_s = (*start_mm_per_s * turned).min(10_000.0);
+        }
         settings.drive = self.drive.clone();
         settings.control = self.r#loop.clone();
         settings

@@ -296,3 +296,14 @@ fn as_the_paper_has_it_it_moves_and_corrects_what_is_right() {
     assert!(bench.corrections(0) > 100, "{}", bench.corrections(0));
     assert!((bench.carriage(0) - 101.2456).abs() < 0.02, "{}", bench.carriage(0));
 }
+
+#[test]
+fn the_motor_of_a_turns_as_fast_as_the_others() {
+    // 300 degrees a second are 10 000 pulses a second, as 25 mm/s are.
+    let mut bench = Bench::new("a = { degrees_per_s = 300.0, degrees_per_s2 = 2400.0 }");
+    bench.line("G91 G0 X50 A600");
+    let status = bench.rest();
+    assert!(status.contains("<Idle|MPos:50.000,0.000,0.000,600.000"), "{status}");
+    assert_eq!((bench.corrections(0), bench.corrections(3)), (0, 0));
+    assert!((bench.carriage(3) - 600.0).abs() <= 0.02, "{}", bench.carriage(3));
+}
