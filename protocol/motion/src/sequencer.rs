@@ -116,10 +116,9 @@ impl Sequencer {
             let issued = segment.issued(now);
             self.position = self.reached(&segment, now);
             let left = core::array::from_fn(|n| waiting.block.steps[n] - i64::from(issued[n]));
-            let block = waiting.block.with_steps(left, &self.limits);
-            self.waiting.extend(block.map(|block| Waiting { block, ..waiting }));
-            // What is left comes before the others.
-            self.waiting.rotate_right(usize::from(!self.waiting.is_empty() && left != [0; AXES]));
+            if let Some(block) = waiting.block.with_steps(left, &self.limits) {
+                self.waiting.push_front(Waiting { block, ..waiting });
+            }
         }
     }
 
