@@ -25,6 +25,8 @@ use crate::settings::{EngraverSettings, Others};
 
 /// The letters of the axes.
 const NAMES: [&str; 4] = ["x", "y", "z", "a"];
+/// The one of them that turns: it has no ends, and its lengths are degrees.
+const A: usize = 3;
 const PM_PER_MM: f64 = 1e9;
 
 /// The machine: a planner, and the axes.
@@ -210,7 +212,7 @@ impl Machine {
     fn give_up(&mut self, now: Instant, axis: usize, alarm: torno_stepper::Alarm) {
         let name = NAMES[axis].to_uppercase();
         let (mm, short) = (alarm.error_pm as f64 / PM_PER_MM, if alarm.error_pm < 0 { "too far" } else { "short" });
-        let unit = if axis == 3 { "deg" } else { "mm" };
+        let unit = if axis == A { "deg" } else { "mm" };
         let what = match alarm.cause {
             Cause::Stalled => "stalled",
             Cause::TooFar => "lost",
@@ -315,7 +317,7 @@ impl Machine {
                     joint.axis_mut(now).seek_index(now);
                 }
                 let at = self.motions.position(time);
-                let to = core::array::from_fn(|n| at[n] + (leg.way[n] / self.pulse_mm[n]).round() as i32);
+                let to = core::array::from_fn(|n| at[n].wrapping_add((leg.way[n] / self.pulse_mm[n]).round() as i32));
                 self.homing = Some(homing);
                 self.run(now, to, torno_motion::Rate::Jog(leg.rate));
             }
@@ -330,8 +332,8 @@ impl Machine {
         for (n, joint) in self.joints.iter_mut().enumerate() {
             if homing.has(n) {
                 joint.axis_mut(now).reference(now);
-                let place = if n == 3 { 0.0 } else { found_at(&self.settings, n) };
-                self.zero[n] = (place / self.pulse_mm[n]).round() as i32 - at[n];
+                let place = if n == A { 0.0 } else { found_at(&self.settings, n) };
+                self.zero[n] = ((place / self.pulse_mm[n]).round() as i32).wrapping_sub(at[n]);
             }
         }
         self.progress.push_back(Progress::Homed);
@@ -471,7 +473,7 @@ impl machine::Machine for Machine {
 
     fn ends(&self) -> Axes<bool> {
         let at_end = |n: usize| {
-            let joint = self.joints.get(n).filter(|_| n < 3)?;
+            let joint = self.joints.get(n).filter(|_| n != A)?;
             Some((joint.axis().carriage(self.now) as f64 / PM_PER_MM).abs() >= self.half_travel_mm[n])
         };
         core::array::from_fn(|n| at_end(n).unwrap_or(false))
@@ -489,7 +491,7 @@ impl Wired for Machine {
                 Signal::new(&format!("{name}_{what}"), 0).with_unit(unit).with_role(role).of_motor(motor)
             };
             // A turns: a millionth of a degree is to it what a nanometre is to the others.
-            let unit = if motor == 3 { "udeg" } else { "nm" };
+            let unit = if usize::from(motor) == A { "udeg" } else { "nm" };
             description.signals.extend([
                 signal(&format!("command_{unit}"), unit, Role::SetPoint),
                 signal(&format!("carriage_{unit}"), unit, Role::Position),
@@ -524,7 +526,7 @@ impl Wired for Machine {
         self.forget_all(now);
         self.progress.clear();
         let at = self.motions.position(self.plan_time(now));
-        self.zero = at.map(|at| -at);
+        self.zero = at.map(i32::wrapping_neg);
         // The timers begin again.
         self.joints.iter_mut().for_each(|joint| joint.axis_mut(now).reference(now));
     }
