@@ -26,9 +26,6 @@ const MOST: usize = 1 << 16;
 /// So often the port is looked at in a row, if there is always something new.
 const AT_ONCE: usize = 16;
 
-/// When the kernel has said that nobody is there, it is asked again after this.
-const ASKED_AGAIN: Duration = Duration::from_millis(2);
-
 /// The port as it is attended to.
 #[derive(Debug)]
 pub(super) struct Desk {
@@ -37,8 +34,10 @@ pub(super) struct Desk {
     queue: Queue,
     /// Whether a client has set the line, and nobody has been told.
     set: bool,
-    /// Whether the thread knows that it is to ask again who is there.
-    called: bool,
+    /// Whether there is more to take in than was taken in at once.
+    more: bool,
+    /// After how long the thread means to ask again who is there.
+    asks_after: Option<Duration>,
     failed: Option<io::Error>,
 }
 
@@ -46,7 +45,7 @@ impl Desk {
     pub(super) fn new(clients: Clients, pty: Pty) -> io::Result<Desk> {
         pty.order().watch(clients.notices(), Mark::Noticed)?;
         let queue = Queue::default();
-        Ok(Desk { clients, pty, queue, set: false, called: false, failed: None })
+        Ok(Desk { clients, pty, queue, set: false, more: false, asks_after: None, failed: None })
     }
 
     /// The next event, if it is there already. Data only if they were written in `coding`, if that is given.
@@ -97,8 +96,9 @@ impl Desk {
         self.queue.forget_leftover()
     }
 
-    /// Takes in what has happened. Says whether there is more.
-    fn attend(&mut self) -> io::Result<bool> {
+    /// Takes in what has happened.
+    fn attend(&mut self) -> io::Result<()> {
+        self.more = false;
         self.pty.note_order()?;
         for _ in 0..AT_ONCE {
             self.notice_clients()?;
@@ -107,15 +107,15 @@ impl Desk {
                 self.clients.hear();
             }
             if !self.pty.note_order()? {
-                return Ok(false);
+                return Ok(());
             }
         }
-        Ok(true)
+        self.more = true;
+        Ok(())
     }
 
-    /// Makes sure that nobody is there.
-    fn ask_again(&mut self) -> io::Result<bool> {
-        self.called = false;
+    /// Makes sure who is there.
+    fn ask_again(&mut self) -> io::Result<()> {
         self.clients.ask_again();
         self.attend()
     }
@@ -199,9 +199,9 @@ impl Attendant {
     pub(super) fn event(&self, max: usize, coding: Option<LineCoding>) -> io::Result<Option<PortEvent>> {
         let mut desk = self.desk();
         let event = desk.event(max, coding);
-        // Only the thread can wait for it to be time to ask again.
-        let is_unsure = desk.clients.is_unsure();
-        if is_unsure && !core::mem::replace(&mut desk.called, is_unsure) {
+        // Only the thread can go on by itself, and wait for it to be time to ask again.
+        let asks_after = desk.clients.ask_after();
+        if core::mem::replace(&mut desk.asks_after, asks_after) != asks_after || desk.more {
             self.call();
         }
         event
@@ -231,14 +231,13 @@ impl Drop for Attendant {
 }
 
 fn attend_to(shared: &Shared, order: &OwnedFd, call: &OwnedFd) {
-    let (mut more, mut unsure) = (false, false);
+    let (mut more, mut asks_after) = (false, None);
     loop {
-        let wait = if more { Some(Duration::ZERO) } else { unsure.then_some(ASKED_AGAIN) };
-        let waited = order::wait(order, call, wait);
+        let waited = order::wait(order, call, if more { Some(Duration::ZERO) } else { asks_after });
         let mut desk = shared.desk();
         let looked = match waited {
             Ok(Waited::Called) if shared.over.load(Ordering::Acquire) => return,
-            Ok(Waited::InVain) if unsure => desk.ask_again(),
+            Ok(Waited::InVain) if !more => desk.ask_again(),
             Ok(waited) => {
                 if waited == Waited::Called {
                     let _ = rustix::io::read(call, &mut [0u8; 8]);
@@ -247,11 +246,11 @@ fn attend_to(shared: &Shared, order: &OwnedFd, call: &OwnedFd) {
             }
             Err(errno) => Err(errno.into()),
         };
-        unsure = desk.clients.is_unsure();
+        (more, asks_after) = (desk.more, desk.clients.ask_after());
+        desk.asks_after = asks_after;
         let failed = looked.is_err();
-        match looked {
-            Ok(looked) => more = looked,
-            Err(error) => desk.failed = Some(error),
+        if let Err(error) = looked {
+            desk.failed = Some(error);
         }
         drop(desk);
         shared.news.notify_one();

@@ -5,8 +5,13 @@
 //! full, notices are lost. So the count is a guess, and after each close the kernel is asked whether anybody is there:
 //! without the port's own slave descriptor, a pty that nobody has open tells its master side that it is hung up.
 //!
-//! That descriptor is closed and opened again for this, which gives two notices. A client that opens in these few
-//! microseconds goes unnoticed. So a kernel that says "nobody" is asked once more, a little later.
+//! A close is noticed before the kernel has done it, and an opening after. So a kernel that says "somebody" when the
+//! notices say nobody is given time to agree.
+//!
+//! That descriptor is closed and opened again for this, which gives two notices. It is only for reading: so its close
+//! is told apart from that of a client that writes. But a client that opens in these few microseconds goes unnoticed:
+//! its notice is merged into that of the port's own opening. So after a close the kernel is asked again and again, at
+//! ever longer intervals: no client goes unnoticed for much longer than the port was free.
 //!
 //! If a client takes the port for itself (`TIOCEXCL`), the port could not open it again, unless it is privileged. Such
 //! a client also lets nobody in whose notices could be merged. So once there has been one, the guess has to do.
@@ -15,6 +20,7 @@ use std::collections::VecDeque;
 use std::io;
 use std::mem::MaybeUninit;
 use std::path::Path;
+use std::time::Duration;
 
 use rustix::fd::OwnedFd;
 use rustix::fs::inotify::{self, CreateFlags, ReadFlags, Reader, WatchFlags};
@@ -25,6 +31,17 @@ use super::pty::Pty;
 
 /// So often the kernel is asked in a row, if clients come and go as fast: the next look goes on.
 const ASKED: usize = 4;
+
+/// So long, and so often, it has to finish a close that has been noticed. (Ours: some turns of a busy computer.)
+const FINISHES: Duration = Duration::from_millis(5);
+
+/// After a close, the kernel is asked again after this, and then each time after so many times as long.
+const ASKED_AGAIN: Duration = Duration::from_millis(2);
+const LATER: u32 = 4;
+/// So long at the most.
+const LATEST: Duration = Duration::from_secs(24 * 60 * 60);
+/// If somebody is there, it is asked no later than this: the notices tell what happens then.
+const LATEST_OF_SOMEBODY: Duration = Duration::from_millis(10);
 
 /// What became of the port's clients as a whole.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,13 +62,16 @@ pub(super) struct Clients {
     doubtful: bool,
     /// Whether notices were lost.
     lost: bool,
+    /// Whether the port itself has opened it since the last client was noticed to close it: the notice of another that
+    /// came meanwhile is merged into that.
+    hidden: bool,
     /// Whether a client has ever taken the port for itself, and kept others out.
     exclusive: bool,
     /// Whether that does not keep this process out.
     privileged: bool,
-    /// Whether the kernel is to be asked once more.
-    unsure: bool,
-    /// Whether it is asked once more.
+    /// After so long the kernel is to be asked again.
+    ask_after: Option<Duration>,
+    /// Whether this is when.
     again: bool,
 }
 
@@ -69,8 +89,8 @@ impl Clients {
         inotify::add_watch(&notices, slave, WatchFlags::OPEN | WatchFlags::CLOSE)?;
         let privileged = capabilities(None).is_ok_and(|sets| sets.effective.contains(CapabilitySet::SYS_ADMIN));
         let (count, changes) = (0, VecDeque::new());
-        let (doubtful, lost, exclusive, unsure, again) = (false, false, false, false, false);
-        Ok(Clients { notices, count, changes, doubtful, lost, exclusive, privileged, unsure, again })
+        let (doubtful, lost, hidden, exclusive, again) = (false, false, false, false, false);
+        Ok(Clients { notices, count, changes, doubtful, lost, hidden, exclusive, privileged, ask_after: None, again })
     }
 
     /// Can be read when [`look`](Clients::look) may find something new.
@@ -82,15 +102,20 @@ impl Clients {
     pub(super) fn look(&mut self, pty: &mut Pty) -> io::Result<bool> {
         let known = self.changes.len();
         let again = core::mem::take(&mut self.again);
+        let later = self.ask_after.filter(|_| again).map(|after| after.saturating_mul(LATER).min(LATEST));
         for _ in 0..ASKED {
             self.read_notices(&mut Own::default())?;
             let exclusive = pty.is_exclusive()?;
             self.exclusive |= exclusive && !self.privileged;
             let lost = core::mem::take(&mut self.lost);
-            if !core::mem::take(&mut self.doubtful) || (self.exclusive && !lost) {
+            if !core::mem::take(&mut self.doubtful) {
                 break;
             }
-            self.unsure = !again;
+            if self.exclusive && !lost {
+                self.ask_after = None;
+                break;
+            }
+            self.ask_after = Some(later.unwrap_or(ASKED_AGAIN));
             if exclusive {
                 pty.clear_exclusive()?;
             }
@@ -108,23 +133,31 @@ impl Clients {
         let mut own = Own { closed: true, opened: false };
         self.read_notices(&mut own)?;
         // After that: what the notice of another close was merged into is part of the answer.
-        let nobody = pty.is_hung_up()?;
-        // A process that is being started has a copy until it runs its program; then the notice comes.
-        let unclear = own.closed && !nobody;
-        let opened = pty.take_up()?;
-        if unclear {
-            // The guess holds until then.
-        } else if nobody && self.count > 0 {
-            self.count = 0;
-            self.changes.push_back(Change::LastClosed);
-        } else if !nobody && self.count == 0 {
-            self.count = 1;
-            if self.changes.len() > known && self.changes.back() == Some(&Change::LastClosed) {
+        let mut nobody = pty.is_hung_up(None)?;
+        if nobody && self.count > 0 {
+            self.leave();
+        }
+        // Before the port's own opening, into which another is merged.
+        self.read_notices(&mut own)?;
+        for _ in 0..ASKED {
+            if nobody || self.count > 0 {
+                break;
+            }
+            nobody = pty.is_hung_up(Some((&self.notices, FINISHES)))?;
+            self.read_notices(&mut own)?;
+        }
+        // A process that is being started has a copy until it runs its program; then the notice comes, and the guess
+        // holds until then.
+        let unclear = own.closed || self.doubtful;
+        if !nobody && self.count == 0 && !unclear {
+            if !self.hidden && self.changes.len() > known && self.changes.back() == Some(&Change::LastClosed) {
                 self.changes.pop_back();
+                self.count = 1;
             } else {
-                self.changes.push_back(Change::FirstOpened);
+                self.open();
             }
         }
+        let opened = pty.take_up()?;
         self.read_notices(&mut Own { closed: false, opened })
     }
 
@@ -140,21 +173,25 @@ impl Clients {
                 Err(errno) => return Err(errno.into()),
             }
         }
-        for events in notices {
+        // If a client closes just before the port does, the next may have opened it in between.
+        let closes = |events: &ReadFlags| events.contains(ReadFlags::CLOSE_NOWRITE);
+        let closed = notices.iter().rposition(closes).filter(|_| core::mem::take(&mut own.closed));
+        for (place, events) in notices.into_iter().enumerate() {
             if events.contains(ReadFlags::QUEUE_OVERFLOW) {
                 (self.doubtful, self.lost) = (true, true);
             } else if events.contains(ReadFlags::OPEN) {
-                if !core::mem::take(&mut own.opened) {
+                if core::mem::take(&mut own.opened) {
+                    self.hidden = true;
+                } else {
                     self.open();
                 }
-            } else if events.contains(ReadFlags::CLOSE_WRITE) && core::mem::take(&mut own.closed) {
+            } else if closed == Some(place) {
             } else if events.intersects(ReadFlags::CLOSE_WRITE | ReadFlags::CLOSE_NOWRITE) {
                 self.doubtful = true;
-                if self.count > 0 {
-                    self.count -= 1;
-                    if self.count == 0 {
-                        self.changes.push_back(Change::LastClosed);
-                    }
+                match self.count {
+                    0 => {}
+                    1 => self.leave(),
+                    _ => self.count -= 1,
                 }
             }
         }
@@ -168,6 +205,12 @@ impl Clients {
         }
     }
 
+    fn leave(&mut self) {
+        self.count = 0;
+        self.hidden = false;
+        self.changes.push_back(Change::LastClosed);
+    }
+
     /// Somebody has written: there is a client.
     pub(super) fn hear(&mut self) {
         if self.count == 0 {
@@ -175,9 +218,14 @@ impl Clients {
         }
     }
 
-    /// Whether the kernel is to be [asked once more](Clients::ask_again) whether anybody is there.
+    /// After so long the kernel is to be [asked again](Clients::ask_again) whether anybody is there.
+    pub(super) fn ask_after(&self) -> Option<Duration> {
+        self.ask_after.filter(|after| self.count == 0 || *after <= LATEST_OF_SOMEBODY)
+    }
+
+    /// Whether the last close has only just been noticed: nothing has been asked since.
     pub(super) fn is_unsure(&self) -> bool {
-        self.unsure && self.count == 0
+        self.count == 0 && self.ask_after == Some(ASKED_AGAIN)
     }
 
     /// Asks it, with the next look.

@@ -84,7 +84,7 @@ pub(super) enum Waited {
 
 /// Waits until there are marks to take, or `call` can be read, for as long as `most` if that is given.
 pub(super) fn wait(order: &OwnedFd, call: &OwnedFd, most: Option<Duration>) -> rustix::io::Result<Waited> {
-    let most = most.map(|most| Timespec { tv_sec: 0, tv_nsec: most.subsec_nanos().into() });
+    let most = most.and_then(|most| Timespec::try_from(most).ok());
     let mut polled = [PollFd::new(order, PollFlags::IN), PollFd::new(call, PollFlags::IN)];
     retry_on_intr(|| poll(&mut polled, most.as_ref()))?;
     let [order, call] = polled.map(|polled| !polled.revents().is_empty());

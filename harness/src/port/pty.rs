@@ -4,6 +4,7 @@ use std::ffi::{OsStr, c_int};
 use std::io;
 use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fd::{AsFd, OwnedFd};
@@ -85,8 +86,8 @@ impl Pty {
         watched().map_err(|errno| PortError::watch(errno.into()))?;
         let line = LineSettings { coding: LineCoding::at(baud), ixon: false };
         let (buffer, marks) = (vec![0; READ_MAX].into(), Vec::new());
-        let mut pty =
-            Pty { master, slave: None, path, buffer, order, marks, has_read: false, wakes: false, line, backlog: 0 };
+        let (has_read, wakes) = (false, false);
+        let mut pty = Pty { master, slave: None, path, buffer, order, marks, has_read, wakes, line, backlog: 0 };
         pty.attach(slave).map_err(PortError::watch)?;
         Ok(pty)
     }
@@ -302,10 +303,17 @@ impl Pty {
         self.slave = None;
     }
 
-    /// Whether nobody has the slave side open: after it has been [let go](Pty::let_go).
-    pub(super) fn is_hung_up(&self) -> io::Result<bool> {
-        let mut polled = [PollFd::new(&self.master[0], PollFlags::empty())];
-        retry_on_intr(|| poll(&mut polled, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })))?;
+    /// Whether nobody has the slave side open: after it has been [let go](Pty::let_go). Waits for it for so long, if
+    /// that is given, or until there are notices.
+    pub(super) fn is_hung_up(&self, wait: Option<(&OwnedFd, Duration)>) -> io::Result<bool> {
+        let at_once = Timespec { tv_sec: 0, tv_nsec: 0 };
+        let (notices, wait) = wait.map_or((None, at_once), |(notices, wait)| {
+            let wait = Timespec::try_from(wait).unwrap_or(at_once);
+            (Some(notices), wait)
+        });
+        let mut polled = vec![PollFd::new(&self.master[0], PollFlags::empty())];
+        polled.extend(notices.map(|notices| PollFd::new(notices, PollFlags::IN)));
+        retry_on_intr(|| poll(&mut polled, Some(&wait)))?;
         Ok(polled[0].revents().contains(PollFlags::HUP))
     }
 
@@ -338,8 +346,9 @@ fn twice(descriptor: OwnedFd) -> io::Result<[OwnedFd; 2]> {
     Ok([descriptor, duplicate])
 }
 
+/// Only for reading: so its close is told apart from a client's that writes.
 fn open_slave(path: &Path) -> rustix::io::Result<OwnedFd> {
-    fs::open(path, OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC | OFlags::NONBLOCK, Mode::empty())
+    fs::open(path, OFlags::RDONLY | OFlags::NOCTTY | OFlags::CLOEXEC | OFlags::NONBLOCK, Mode::empty())
 }
 
 /// The current user's, mode 0600: a mount option of devpts may say otherwise.

@@ -27,6 +27,7 @@ use tokio_serial::{SerialPort, SerialPortBuilderExt};
 use super::link::Link;
 use super::{LineCoding, LineSettings, LinkPath, PortError, PortEvent, PtyPort};
 
+mod clients;
 mod order;
 
 const WAIT: Duration = Duration::from_secs(10);
