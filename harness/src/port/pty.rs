@@ -51,6 +51,8 @@ pub(super) struct Pty {
     order: Order,
     /// What has happened since the last look.
     marks: Vec<Mark>,
+    /// Whether some of it has been noted that nobody has been told of.
+    untold: bool,
     /// Whether that look has read anything.
     has_read: bool,
     /// Whether the last thing was that the client set the line.
@@ -86,8 +88,9 @@ impl Pty {
         watched().map_err(|errno| PortError::watch(errno.into()))?;
         let line = LineSettings { coding: LineCoding::at(baud), ixon: false };
         let (buffer, marks) = (vec![0; READ_MAX].into(), Vec::new());
-        let (has_read, wakes) = (false, false);
-        let mut pty = Pty { master, slave: None, path, buffer, order, marks, has_read, wakes, line, backlog: 0 };
+        let (untold, has_read, wakes) = (false, false, false);
+        let mut pty =
+            Pty { master, slave: None, path, buffer, order, marks, untold, has_read, wakes, line, backlog: 0 };
         pty.attach(slave).map_err(PortError::watch)?;
         Ok(pty)
     }
@@ -120,7 +123,7 @@ impl Pty {
     /// Notes in which order things have happened, for the next [look](Pty::look). Says whether there is anything.
     pub(super) fn note_order(&mut self) -> io::Result<bool> {
         let mut marks = self.order.take()?;
-        let anything = marks.iter().any(|mark| *mark != Mark::Wrote);
+        let anything = marks.iter().any(|mark| *mark != Mark::Wrote) | core::mem::take(&mut self.untold);
         // After a look that has read something, this one tells nothing. If the client has written, its bytes set
         // another.
         if core::mem::take(&mut self.has_read) {
@@ -203,6 +206,7 @@ impl Pty {
     fn places(&mut self, other: Mark) -> io::Result<(Option<usize>, Option<usize>)> {
         // It may have happened since the order was noted.
         let more = self.order.take()?;
+        self.untold |= !more.is_empty();
         self.marks.extend(more);
         let place = |mark| self.marks.iter().position(|other| *other == mark);
         // A status wakes those that wait for bytes, too, after those that wait for it.
