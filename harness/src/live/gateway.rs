@@ -286,12 +286,16 @@ impl Gateway {
 
     /// Sets the UART to this coding of the client's. What the one before has left is still held as that one wanted.
     fn set(&mut self, coding: LineCoding, at: Instant, session: &mut Session) -> Result<(), SessionError> {
-        let (coding, present) = match self.plays {
-            true => (LineCoding::at(self.rig), self.holds),
-            false => (coding, self.port.settings()?.ixon),
+        let (coding, ixon) = if self.plays {
+            (LineCoding::at(self.rig), self.holds)
+        } else if let Some(ixon) = self.port.leftover_ixon() {
+            (coding, ixon)
+        } else if !self.began && self.queued > 0 {
+            (coding, self.settings.ixon)
+        } else {
+            (coding, self.port.settings()?.ixon)
         };
-        let keeps = !self.plays && (self.port.leftover() > 0 || (!self.began && self.queued > 0));
-        let settings = LineSettings { coding, ixon: if keeps { self.settings.ixon } else { present } };
+        let settings = LineSettings { coding, ixon };
         if settings == self.settings {
             return Ok(());
         }
@@ -355,5 +359,29 @@ mod tests {
             }
         }
         assert_eq!(sent, *b"abc");
+    }
+
+    #[tokio::test]
+    async fn what_was_left_is_held_as_was_set_however_late_the_rig_is() {
+        let file = RigFile::load("lathe").unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let link = folder.path().join("pc");
+        let port = PcPort::open(Transport::Pty, LinkPath::Chosen(link.clone()), file.pc.baud).unwrap();
+        let mut session = Session::start(&file, &Driver::InProcess, file.pc.uart()).await.unwrap();
+        let pc = session.rig().pc();
+        let mut gateway = Gateway::new(0, pc, &file.pc, port);
+        // One sets the line, the next writes: both have gone when the rig looks.
+        let script = "stty -F \"$0\" raw -echo ixon && printf 12345678 >\"$0\"";
+        let clients = std::process::Command::new("sh").args(["-c", script]).arg(&link).status();
+        assert!(clients.unwrap().success());
+        loop {
+            let event = gateway.event().await.unwrap();
+            let is_data = matches!(event, PortEvent::Data { .. });
+            gateway.take(event, Instant::START, &mut session).unwrap();
+            if is_data {
+                break;
+            }
+        }
+        assert!(gateway.settings.ixon);
     }
 }

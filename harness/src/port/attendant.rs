@@ -86,6 +86,11 @@ impl Desk {
         self.queue.leftover()
     }
 
+    /// Whether these are to be held by XON/XOFF. None if there are none.
+    pub(super) fn leftover_ixon(&self) -> Option<bool> {
+        self.queue.leftover_ixon()
+    }
+
     /// How many bytes are held of the client that has the port open.
     #[cfg(test)]
     pub(super) fn held(&self) -> usize {
@@ -131,7 +136,7 @@ impl Desk {
             self.pty.forget_replies_and_restart()?;
             // The next may be there already, but has hardly written yet.
             self.listen(MOST, MOST)?;
-            self.queue.leave();
+            self.queue.leave(self.pty.line().ixon);
         }
         if self.clients.changes().len() > known && self.clients.changes().back() == Some(&Change::FirstOpened) {
             self.queue.forget_beginnings();

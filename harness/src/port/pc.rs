@@ -131,6 +131,14 @@ impl PcPort {
         }
     }
 
+    /// Whether these are to be held by XON/XOFF, as was set when they were left. None if there are none.
+    pub fn leftover_ixon(&self) -> Option<bool> {
+        match self {
+            Self::Pty(port) => port.leftover_ixon(),
+            Self::Tcp(port) => port.leftover_ixon(),
+        }
+    }
+
     /// Forgets those that are older than the client that [has begun](PortEvent::Began). Says how many there were.
     pub fn forget_leftover(&mut self) -> usize {
         match self {

@@ -9,6 +9,8 @@ pub(super) struct Queue {
     events: VecDeque<PortEvent>,
     /// So many events of it are of clients that have closed the port.
     left: usize,
+    /// Whether XON/XOFF was on when the last of them was left.
+    left_ixon: bool,
     /// So many are older than the client that was last told to have begun.
     older: usize,
     /// Whether the client that has the port open has written.
@@ -66,8 +68,11 @@ impl Queue {
         self.events.extend(hold);
     }
 
-    /// The last client has closed the port.
-    pub(super) fn leave(&mut self) {
+    /// The last client has closed the port, with XON/XOFF on or off.
+    pub(super) fn leave(&mut self, ixon: bool) {
+        if self.events.len() > self.left {
+            self.left_ixon = ixon;
+        }
         self.left = self.events.len();
         self.began = false;
     }
@@ -96,6 +101,11 @@ impl Queue {
     /// How many bytes clients have left that have closed the port.
     pub(super) fn leftover(&self) -> usize {
         self.events.range(..self.left).map(bytes).sum()
+    }
+
+    /// Whether these are to be held by XON/XOFF. None if there are none.
+    pub(super) fn leftover_ixon(&self) -> Option<bool> {
+        (self.leftover() > 0).then_some(self.left_ixon)
     }
 
     /// How many bytes are held of the client that has the port open.

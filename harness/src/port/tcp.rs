@@ -178,6 +178,10 @@ impl TcpPort {
         self.queue.leftover()
     }
 
+    pub(super) fn leftover_ixon(&self) -> Option<bool> {
+        self.queue.leftover_ixon()
+    }
+
     pub(super) fn forget_leftover(&mut self) -> usize {
         self.queue.forget_leftover()
     }
@@ -326,7 +330,7 @@ impl TcpPort {
             if client.server.as_ref().is_some_and(Server::is_low) {
                 self.queue.hold(false);
             }
-            self.queue.leave();
+            self.queue.leave(self.line.ixon);
             self.changes.push_back(PortEvent::Closed);
         }
     }

@@ -100,6 +100,11 @@ impl PtyPort {
         self.attendant.desk().leftover()
     }
 
+    /// Whether these are to be held by XON/XOFF, as was set when they were left. None if there are none.
+    pub fn leftover_ixon(&self) -> Option<bool> {
+        self.attendant.desk().leftover_ixon()
+    }
+
     /// Forgets those that are older than the client that [has begun](PortEvent::Began). Says how many there were.
     pub fn forget_leftover(&mut self) -> usize {
         self.attendant.desk().forget_leftover()
