@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use rustix::pty::{OpenptFlags, openpt, ptsname, unlockpt};
 use serialport::{FlowControl, SerialPort};
 
-use super::{Pc, Up, folder, torno, wait_until};
+use super::{Pc, Up, comes_true, folder, torno};
 
 /// Feed 225 counts, depth 1 slot out: about a second. The spindle stays at rest: stopping it takes ten.
 pub(crate) const FEED: [u8; 8] = [0x00, 0xe1, 0x00, 0xe1, 0x00, 0x00, 0x01, 0x00];
@@ -20,7 +20,8 @@ pub(crate) fn times(up: &Up, text: &str) -> usize {
 }
 
 pub(crate) fn wait_for_times(up: &Up, text: &str, n: usize) {
-    wait_until(&format!("{text:?} is logged {n} times; log:\n{}", up.log()), || times(up, text) >= n);
+    let came = comes_true(|| times(up, text) >= n);
+    assert!(came, "{text:?} is logged {} times, not {n}:\n{}", times(up, text), up.log());
 }
 
 /// Opens and closes a terminal that is not the rig's.

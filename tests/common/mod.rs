@@ -102,13 +102,23 @@ pub(crate) fn folder() -> tempfile::TempDir {
     tempfile::tempdir().unwrap()
 }
 
-/// Waits for a fact, without hope of being told.
-pub(crate) fn wait_until(what: &str, mut fact: impl FnMut() -> bool) {
+/// Waits for a fact, without hope of being told. Says whether it came true.
+pub(crate) fn comes_true(mut fact: impl FnMut() -> bool) -> bool {
     let start = Instant::now();
-    while !fact() {
-        assert!(start.elapsed() < PATIENCE, "never came true: {what}");
+    loop {
+        if fact() {
+            return true;
+        }
+        if start.elapsed() > PATIENCE {
+            return false;
+        }
         std::thread::sleep(Duration::from_millis(1));
     }
+}
+
+/// Waits for a fact that has to come true.
+pub(crate) fn wait_until(what: &str, fact: impl FnMut() -> bool) {
+    assert!(comes_true(fact), "never came true: {what}");
 }
 
 /// Whether a process runs, or is stopped: not whether it has died and waits to be buried.
@@ -183,11 +193,7 @@ impl Up {
     }
 
     pub(crate) fn wait_for_log(&self, text: &str) {
-        let start = Instant::now();
-        while !self.log().contains(text) {
-            assert!(start.elapsed() < PATIENCE, "never logged: {text}\n{}", self.log());
-            std::thread::sleep(Duration::from_millis(1));
-        }
+        assert!(comes_true(|| self.log().contains(text)), "never logged: {text}\n{}", self.log());
     }
 
     pub(crate) fn pc(&self) -> Pc {
