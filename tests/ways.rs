@@ -104,6 +104,18 @@ fn a_second_client_is_told_why_it_is_refused_and_the_first_goes_on() {
     assert_eq!(times(&up, "has been closed"), 1);
 }
 
+/// The end of a connection may come after the next has begun.
+#[test]
+fn a_client_that_comes_just_before_the_other_goes_is_let_in() {
+    let up = up_by(TCP, &[]);
+    let first = Client::admitted(&up);
+    let mut next = Client::of(&up);
+    drop(first);
+    next.write(&AT_REST);
+    next.expect(&[ACK, XON]);
+    assert_eq!(times(&up, "is refused"), 0);
+}
+
 #[test]
 fn a_client_that_has_no_more_to_say_still_gets_its_replies() {
     let up = up_by(TCP, &["--pace", "20"]);

@@ -9,6 +9,7 @@ use std::collections::VecDeque;
 use std::future::poll_fn;
 use std::io;
 use std::net::SocketAddr;
+use std::pin::Pin;
 use std::task::{Context, Poll, Waker};
 use std::time::Duration;
 
@@ -17,6 +18,7 @@ use rustix::io::Errno;
 use tokio::net::{TcpListener, TcpSocket, TcpStream};
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
+use tokio::time::{Sleep, sleep};
 
 use super::PortError;
 use super::event::{LineCoding, LineSettings, PortEvent};
@@ -46,6 +48,9 @@ const AT_ONCE: usize = 16;
 const CHANGES: usize = 4;
 /// Clients that have connected and not been let in.
 const BACKLOG: u32 = 16;
+/// So long a client waits for the one before it to be gone: the end of a connection may come after the next has begun.
+/// (Ours.)
+const GRACE: Duration = Duration::from_millis(200);
 /// Where no client can be accepted, as for want of a file descriptor, the next attempt is made so much later.
 const AGAIN: Duration = Duration::from_millis(100);
 
@@ -56,6 +61,8 @@ pub struct TcpPort {
     accepting: JoinHandle<()>,
     connections: mpsc::Receiver<(TcpStream, SocketAddr)>,
     client: Option<Client>,
+    /// Who has come while another was there.
+    waiting: Option<Waiting>,
     /// What clients have written.
     queue: Queue,
     /// Who has come and gone.
@@ -84,6 +91,14 @@ struct Client {
     out: VecDeque<u8>,
 }
 
+/// A connection that is let in or refused before long.
+#[derive(Debug)]
+struct Waiting {
+    stream: TcpStream,
+    peer: SocketAddr,
+    until: Pin<Box<Sleep>>,
+}
+
 impl TcpPort {
     /// Listens at `address` for clients of a port at `baud`, 8N1, that control it by RFC 2217 or just send bytes.
     ///
@@ -102,6 +117,7 @@ impl TcpPort {
             accepting: tokio::spawn(accept(listener, sender)),
             connections,
             client: None,
+            waiting: None,
             queue: Queue::default(),
             changes: VecDeque::new(),
             line: LineSettings { coding: LineCoding::at(baud), ixon: false },
@@ -197,38 +213,51 @@ impl TcpPort {
     fn attend(&mut self, context: &mut Context<'_>) {
         self.flush(context);
         self.listen(context);
-        while self.changes.len() < CHANGES
-            && let Poll::Ready(Some((stream, peer))) = self.connections.poll_recv(context)
-        {
-            self.welcome(stream, peer, context);
+        while self.changes.len() < CHANGES && self.answer_next(context) {
             self.listen(context);
         }
     }
 
-    /// Lets a client in, if nobody has the port open.
-    fn welcome(&mut self, stream: TcpStream, peer: SocketAddr, context: &mut Context<'_>) {
+    /// Lets the next client in, if nobody has the port open, or refuses it. Says whether there was one.
+    fn answer_next(&mut self, context: &mut Context<'_>) -> bool {
+        if self.waiting.is_none()
+            && let Poll::Ready(Some((stream, peer))) = self.connections.poll_recv(context)
+        {
+            self.waiting = Some(Waiting { stream, peer, until: Box::pin(sleep(GRACE)) });
+        }
+        let Some(waiting) = &mut self.waiting else { return false };
+        let is_late = waiting.until.as_mut().poll(context).is_ready();
         // That the one before has gone is not known yet if its bytes were not wanted.
         if self.client.as_ref().is_some_and(Client::is_hung_up) {
             self.hear_out();
         }
-        match &self.client {
-            Some(client) if !client.has_left => {
-                tracing::warn!("a client at {peer} is refused: {} has the port open", client.peer);
-                refuse(stream, client.peer);
-            }
-            _ => {
-                // Without it, a reply can wait for the acknowledgement of the one before.
-                stream.set_nodelay(true).ok();
-                let LineSettings { coding, ixon } = self.line;
-                let mut server = self.controls.then(|| Server::new(coding, ixon));
-                let out = server.as_mut().map_or_else(Vec::new, Server::take_answers).into();
-                let (suspended, received) = (false, Vec::new());
-                self.client = Some(Client { stream, peer, has_left: false, server, suspended, received, out });
-                self.flush(context);
-                self.queue.forget_beginnings();
-                self.changes.push_back(PortEvent::Opened);
-            }
+        let present = self.client.as_ref().filter(|client| !client.has_left).map(|client| client.peer);
+        if present.is_some() && !is_late {
+            return false;
         }
+        let Some(Waiting { stream, peer, .. }) = self.waiting.take() else { return false };
+        match present {
+            Some(present) => {
+                tracing::warn!("a client at {peer} is refused: {present} has the port open");
+                refuse(stream, present);
+            }
+            None => self.welcome(stream, peer, context),
+        }
+        true
+    }
+
+    /// Lets a client in.
+    fn welcome(&mut self, stream: TcpStream, peer: SocketAddr, context: &mut Context<'_>) {
+        // Without it, a reply can wait for the acknowledgement of the one before.
+        stream.set_nodelay(true).ok();
+        let LineSettings { coding, ixon } = self.line;
+        let mut server = self.controls.then(|| Server::new(coding, ixon));
+        let out = server.as_mut().map_or_else(Vec::new, Server::take_answers).into();
+        let (suspended, received) = (false, Vec::new());
+        self.client = Some(Client { stream, peer, has_left: false, server, suspended, received, out });
+        self.flush(context);
+        self.queue.forget_beginnings();
+        self.changes.push_back(PortEvent::Opened);
     }
 
     /// Writes what waits for the client, as far as it can be.
