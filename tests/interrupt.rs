@@ -124,7 +124,7 @@ fn a_rig_that_was_up_is_summed_up_and_fails_if_a_board_has_died() {
         kill("-INT", up.id().into());
         assert_eq!(ended(&mut up).code(), Some(i32::from(dies)));
         let left: Value = serde_json::from_str(&lines.next().unwrap().unwrap()).unwrap();
-        assert_eq!(left["outcome"], "interrupted");
+        assert_eq!(left["outcome"], "ended");
         assert!(left["virtual_s"].as_f64().unwrap() > 0.0);
         let incidents = left["incidents"].as_array().unwrap();
         assert_eq!(incidents.len(), usize::from(dies), "{left}");

@@ -334,6 +334,7 @@ fn what_a_program_outside_has_made_is_drawn_reported_and_dumped_at_the_end() {
     assert!(drawing.contains("Ø24."), "{drawing}");
     let html = read(&report);
     assert!(html.contains("<section id=\"part\">") && html.contains("24."), "{}", html.len());
+    assert!(html.contains("<dd class=\"\">ended</dd>") && html.contains("id=\"figure-outcome\">ended<"));
     assert!(read(&vcd).contains("pc_to_master"));
     // The same from its recording.
     let again = path("again.html");

@@ -26,6 +26,8 @@ use crate::rig::{Driver, Incident, Rig, RigError};
 pub const PC: usize = 0;
 /// The word for how something ended that Ctrl-C or a signal has ended.
 pub const INTERRUPTED: &str = "interrupted";
+/// The word for how a session has ended that has no end of its own: its user has ended it.
+pub const ENDED: &str = "ended";
 /// So many of the PC's replies are remembered for the faults that wait for one.
 const REPLIES: usize = 16;
 

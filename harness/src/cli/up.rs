@@ -17,7 +17,7 @@ use torno::report::page::Page;
 use torno::rig::ProcessChange;
 use torno::rig::file::{DEFAULT, RigFile};
 use torno::scenario::seed_text;
-use torno::session::INTERRUPTED as ENDED;
+use torno::session::ENDED;
 use torno_trace::Timescale;
 use tracing::Instrument;
 

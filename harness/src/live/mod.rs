@@ -21,7 +21,7 @@ use crate::port::{PcPort, PortEvent};
 use crate::recorder::{RECORDED, Recorder, RecordingError};
 use crate::rig::file::RigFile;
 use crate::rig::{Driver, Incident, Rig};
-use crate::session::{Happened, INTERRUPTED, PC, Session, SessionError};
+use crate::session::{ENDED, Happened, PC, Session, SessionError};
 use gateway::Gateway;
 use player::{Player, Texts};
 use steering::{Steering, next_call};
@@ -181,7 +181,7 @@ impl Live {
         }
         let unfired = self.session.unfired();
         let turned = self.path.map(ToolPath::cut);
-        let crate::session::Ended { trace, kept, .. } = self.session.close(INTERRUPTED)?;
+        let crate::session::Ended { trace, kept, .. } = self.session.close(ENDED)?;
         Ok(Left { end, unfired, kept, incidents: self.incidents, trace, turned })
     }
 
