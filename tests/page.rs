@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
-use crate::common::browser::Browser;
+use crate::common::browser::{Browser, FLAWS};
 use crate::common::{ACK, PATIENCE, SHORT, Up, json, kill, output, wait_until};
 
 /// The page of a rig.
@@ -347,23 +347,6 @@ fn what_a_program_outside_has_made_is_drawn_reported_and_dumped_at_the_end() {
     assert_eq!(none.status.code(), Some(2));
 }
 
-/// What is wrong with how the page is laid out: texts below 11 px, and whatever makes it wider than its window.
-const FLAWS: &str = r"(() => {
-  const flaws = [];
-  if (document.documentElement.scrollWidth > innerWidth) flaws.push(`${document.documentElement.scrollWidth} px wide`);
-  if (/undefined|NaN|\[object/.test(document.body.innerText)) flaws.push(document.body.innerText);
-  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
-  for (let node; (node = walker.nextNode());) {
-    const of = node.parentElement;
-    if (!node.data.trim() || !of.checkVisibility()) continue;
-    const drawn = of.ownerSVGElement;
-    const scale = drawn ? drawn.getScreenCTM().a : 1;
-    const px = parseFloat(getComputedStyle(of).fontSize) * scale;
-    if (px < 11) flaws.push(`${px.toFixed(1)} px: ${node.data.trim()}`);
-  }
-  return flaws;
-})()";
-
 /// The texts that some language lacks.
 const UNSAID: &str = r"import('./texts.js').then(({ LANGUAGES, TEXTS }) => Object.keys(TEXTS).filter((key) =>
   TEXTS[key].length !== Object.keys(LANGUAGES).length || TEXTS[key].some((text) => !text)))";
@@ -390,11 +373,7 @@ fn the_page_of_every_rig_has_room_at_every_width() {
                 assert_eq!(browser.run(&choose), language);
                 assert_eq!(browser.run(FLAWS), json!([]), "{rig} at {width} px in {language}");
             }
-            // For whoever wants to look at it: a folder.
-            if let Some(folder) = std::env::var_os("PAGE_PICTURES") {
-                let name = format!("{rig}-{width}{}.png", if dark { "-dark" } else { "" });
-                browser.picture(&std::path::Path::new(&folder).join(name));
-            }
+            browser.picture_into("PAGE_PICTURES", rig, width, dark);
         }
         end(up);
     }

@@ -4,6 +4,7 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
+use crate::common::browser::{Browser, FLAWS};
 use crate::common::{folder, is_installed, json, output};
 use serde_json::Value;
 use torno::report::page::Page;
@@ -213,6 +214,49 @@ fn a_browser_shows_the_plots_and_looks_closer() {
     assert!(dom.contains("shown: 34.4") && dom.contains("svg class=\"sheet\""), "{}", dom.len());
     assert!(!chart(&dom, "chart-bus").contains("viewBox=\"0 0 20000 2000\""));
     assert!(chart(&html, "chart-bus").contains("viewBox=\"0 0 20000 2000\""));
+}
+
+/// Words that are broken, but for those that no line has room for.
+const BROKEN: &str = r"(() => {
+  const broken = [], range = document.createRange();
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  for (let node; (node = walker.nextNode());) {
+    const of = node.parentElement;
+    if (of.closest('svg, script, #figure-digest, #figure-program') || !of.checkVisibility()) continue;
+    for (const word of node.data.matchAll(/[^\s–-]+/g)) {
+      range.setStart(node, word.index);
+      range.setEnd(node, word.index + word[0].length);
+      const lines = new Set([...range.getClientRects()].map((box) => Math.round(box.top)));
+      if (lines.size > 1) broken.push(word[0]);
+    }
+  }
+  return broken;
+})()";
+
+#[test]
+fn a_report_has_room_at_every_width() {
+    let Some(mut browser) = Browser::start() else { return };
+    let folder = folder();
+    for rig in ["lathe", "lathe-grbl", "engraver"] {
+        let path = folder.path().join(format!("{rig}.html"));
+        assert!(output(&["run", rig, "--in-process", "--report", path.to_str().unwrap()]).status.success());
+        browser.show(&format!("file://{}", path.display()));
+        browser.wait_until("!!document.querySelector('#zoom span')?.textContent");
+        for (width, dark, scrolls) in [(1440, false, false), (1000, true, true), (400, false, true), (400, true, true)]
+        {
+            browser.resize(width, dark);
+            assert_eq!(browser.run(FLAWS), serde_json::json!([]), "{rig} at {width} px");
+            assert_eq!(browser.run(BROKEN), serde_json::json!([]), "{rig} at {width} px");
+            // What scrolls says so, and nothing else does.
+            let says = "[...document.querySelectorAll('figure')].map((figure) => [figure.scrollWidth > \
+                        figure.clientWidth, getComputedStyle(figure, '::before').display !== 'none'])";
+            let said = browser.run(says);
+            let all = said.as_array().unwrap().iter().all(|said| *said == serde_json::json!([scrolls, scrolls]));
+            assert!(all, "{rig} at {width} px: {said}");
+            browser.picture_into("REPORT_PICTURES", rig, width, dark);
+        }
+    }
+    assert_eq!(browser.complaints, [""; 0]);
 }
 
 #[test]

@@ -12,6 +12,23 @@ use super::{PATIENCE, is_installed};
 
 const CHROMIUM: &str = "chromium";
 
+/// What is wrong with how the page is laid out: texts below 11 px, and whatever makes it wider than its window.
+pub(crate) const FLAWS: &str = r"(() => {
+  const flaws = [];
+  if (document.documentElement.scrollWidth > innerWidth) flaws.push(`${document.documentElement.scrollWidth} px wide`);
+  if (/undefined|NaN|\[object/.test(document.body.innerText)) flaws.push(document.body.innerText);
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  for (let node; (node = walker.nextNode());) {
+    const of = node.parentElement;
+    if (!node.data.trim() || !of.checkVisibility()) continue;
+    const drawn = of.ownerSVGElement;
+    const scale = drawn ? drawn.getScreenCTM().a : 1;
+    const px = parseFloat(getComputedStyle(of).fontSize) * scale;
+    if (px < 11) flaws.push(`${px.toFixed(1)} px: ${node.data.trim()}`);
+  }
+  return flaws;
+})()";
+
 /// A browser with one page, until it is dropped.
 pub(crate) struct Browser {
     child: Child,
@@ -113,8 +130,15 @@ impl Browser {
         self.run("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))");
     }
 
+    /// Writes what it shows into the folder that this variable names, if any: for whoever wants to look at it.
+    pub(crate) fn picture_into(&mut self, variable: &str, name: &str, width: u32, dark: bool) {
+        let Some(folder) = std::env::var_os(variable) else { return };
+        self.picture(&Path::new(&folder).join(format!("{name}-{width}{}.png", if dark { "-dark" } else { "" })));
+        self.resize(width, dark);
+    }
+
     /// Writes what it shows into a file (PNG), as long as the page is.
-    pub(crate) fn picture(&mut self, path: &Path) {
+    fn picture(&mut self, path: &Path) {
         let width = self.run("innerWidth");
         let height = self.run("Math.min(document.documentElement.scrollHeight, 6000)");
         let metrics = json!({ "width": width, "height": height, "deviceScaleFactor": 1, "mobile": false });
