@@ -108,7 +108,39 @@ fn what_is_plotted_is_what_the_trace_tells() {
             _ => {}
         }
     }
-    assert_eq!(row(&html, "motors", "transverse")[3], format!("{worst} counts"));
+    // A count is 2 mm in 900.
+    assert_eq!(row(&html, "motors", "transverse")[3], format!("{:.3} mm", worst as f64 / 450.0));
+    assert!(html.contains(&format!(" mm<br><small>{worst} counts</small></td>")));
+}
+
+#[test]
+fn a_report_is_in_units_for_people_and_names_what_was_done_to_the_rig() {
+    let (html, _) = report(&["--in-process"]);
+    // Full drive is 30 V of 1023 LSB, and 255 LSB.
+    let [spindle, transverse, depth] = ["spindle", "transverse", "depth"].map(|board| row(&html, "motors", board));
+    assert_eq!((spindle[2], spindle[6], transverse[6]), ("2005 rpm", "30.00 V", "100 %"), "{spindle:?} {transverse:?}");
+    // It stands where it was to stand.
+    assert_eq!((depth[2], depth[3], depth[4]), ("0.000 mm", "1.244 mm", "0.000 mm"), "{depth:?}");
+    assert!(html.contains("<h3>transverse <small>1 mm is 450 counts</small></h3>"));
+    let (html, _) = report(&["engraver"]);
+    assert_eq!(row(&html, "motors", "engraver x")[1..3], ["-33.999 mm", "33.999 mm"]);
+    assert!(row(&html, "motors", "engraver a")[2].ends_with(" deg"));
+    assert!(!html.contains("nm</text>") && !html.contains("udeg</text>"));
+    assert!(row(&html, "lines", "pc → engraver")[2].ends_with(" others"));
+    let folder = folder();
+    let faults = "[[fault]]\nline = \"master_to_depth\"\nkind = \"cut\"\nat = \"3 s\"\nfor = \"1 s\"\n\
+                  [[fault]]\nname = \"chip\"\nboard = \"depth\"\nkind = \"stall\"\nat = \"8 s\"\nfor = \"1 s\"\n";
+    let faults = write(folder.path(), "faults.toml", faults);
+    let [path, trace] = ["report.html", "a.torno"].map(|name| folder.path().join(name));
+    let [path, trace] = [&path, &trace].map(|path| path.to_str().unwrap());
+    let run = output(&["run", "--in-process", "--faults", &faults, "--report", path, "--record", trace]);
+    let named = "master_to_depth cut at 3.000 s, chip at 8.000 s";
+    assert!(String::from_utf8(run.stdout).unwrap().contains(&format!("\nfaults   {named}\n")));
+    assert_eq!(figure(&fs::read_to_string(path).unwrap(), "faults"), named);
+    // A recording has no names.
+    assert!(output(&["trace", trace, "--report", path]).status.success());
+    let html = fs::read_to_string(path).unwrap();
+    assert!(figure(&html, "inputs").contains("depth: shaft blocked at 8.000 s"), "{}", figure(&html, "inputs"));
 }
 
 #[test]
@@ -126,7 +158,7 @@ fn any_rig_has_a_report_and_names_do_not_break_it() {
     );
     // Nothing has happened, and nobody has written down how it ended.
     let trace = Trace::new(RigFile::load("lathe").unwrap().header("lathe", 0, None));
-    let html = Page { trace: &trace, summary: None, cut: None }.html();
+    let html = Page { trace: &trace, summary: None, cut: None, faults: &[] }.html();
     assert!(html.contains("not ended") && html.contains("a recording") && !html.contains("NaN"));
 }
 

@@ -117,6 +117,8 @@ pub struct Played<J = FrameJob> {
     pub trace: Option<Trace>,
     /// What the boards keep without power that were to be asked.
     pub kept: Vec<Option<Kept>>,
+    /// The faults that have begun, and when.
+    pub begun: Vec<(String, Instant)>,
     /// The faults that have not fired.
     pub unfired: Vec<Unfired>,
 }
@@ -319,7 +321,7 @@ impl<J: Job> Play<J> {
         progress(player.progress());
         let unfired = session.unfired();
         let outcome = player.job.outcome();
-        let session::Ended { end, boards, trace, kept, rig } = session.close(ended.of(outcome))?;
+        let session::Ended { end, boards, trace, kept, begun, rig } = session.close(ended.of(outcome))?;
         Ok(Played {
             outcome,
             ended,
@@ -334,6 +336,7 @@ impl<J: Job> Play<J> {
             path: player.path,
             trace,
             kept,
+            begun,
             unfired,
             job: player.job,
         })

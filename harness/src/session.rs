@@ -59,6 +59,8 @@ pub struct Session {
     logs: bool,
     /// When a fault began or ended last.
     turned: Instant,
+    /// The faults that have begun, and when.
+    begun: Vec<(String, Instant)>,
     /// Everything that has been noted lies before this.
     noted: Instant,
     /// Nothing of this and later counts.
@@ -111,6 +113,8 @@ pub struct Ended {
     /// What those boards keep without power that were [to be asked](Session::ask_at_the_end), in that order. None of
     /// one that is gone or does not answer.
     pub kept: Vec<Option<Kept>>,
+    /// The faults that have begun, and when.
+    pub begun: Vec<(String, Instant)>,
     /// The rig, for what it cost.
     pub rig: Rig,
 }
@@ -166,6 +170,7 @@ impl Session {
             brake: None,
             logs: true,
             turned: Instant::START,
+            begun: Vec::new(),
             noted: Instant::START,
             end: None,
             keepers: Vec::new(),
@@ -484,7 +489,8 @@ impl Session {
         if let Some(trace) = &mut self.trace {
             (trace.settled, trace.end) = (until, Some(end.clone()));
         }
-        Ok(Ended { end, boards: self.boards(), trace: self.trace, kept: self.kept, rig: self.rig })
+        let boards = self.boards();
+        Ok(Ended { end, boards, trace: self.trace, kept: self.kept, begun: self.begun, rig: self.rig })
     }
 
     /// How the boards stand, without the gateways' UARTs.
@@ -553,6 +559,7 @@ impl Session {
     }
 
     fn note_begun(&mut self, begun: &[(String, Instant)]) {
+        self.begun.extend_from_slice(begun);
         self.turned = begun.iter().map(|(_, since)| *since).chain([self.turned]).max().unwrap_or_default();
         if self.logs {
             begun.iter().for_each(|(name, since)| log::begun(name, *since));

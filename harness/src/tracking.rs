@@ -11,14 +11,12 @@ use torno_trace::Trace;
 
 use crate::pins::{PinsError, heard};
 use crate::replay::{actions, rig_of};
+use crate::report::physical::{MILLION, UNITS};
 
 /// At most so many looks: a picture has 960 points across.
 const LOOKS: u64 = 20_000;
 /// No finer than this: 25 µm at 25 mm/s.
 const FINEST: Span = Span::from_millis(1);
-/// The units that a board tells, the one that a million of them are, and a thousandth of that.
-const UNITS: [(&str, &str, &str); 2] = [("nm", "mm", "um"), ("udeg", "deg", "mdeg")];
-const MILLION: f64 = 1e6;
 /// What is so near to a straight way is on it.
 const STRAIGHT_MM: f64 = 0.000_2;
 /// So many columns of values are told apart in a picture.

@@ -68,11 +68,12 @@ impl Row {
     pub const UNITS: (u32, u32) = (20_000, 2_000);
 
     /// A row of so many px with its scale and, along the time, a line for each series; the first lies above the others.
-    pub fn of_series(series: &[Series], time: (f64, f64), height: u32) -> Self {
+    /// The values are multiples of `step`.
+    pub fn of_series(series: &[Series], time: (f64, f64), height: u32, step: f64) -> Self {
         let y = range(series.iter().flat_map(|series| &series.points).map(|(_, y)| *y), 0.06);
-        // Quantities are whole numbers: nothing stands between two of them.
-        let y = (y.0, (y.1 + 0.06 * (y.1 - y.0)).max(y.0 + 1.2));
-        let labels = (height / 18).clamp(2, 7).min((y.1 - y.0).min(7.0).ceil() as u32);
+        // Nothing stands between two of them.
+        let y = (y.0, (y.1 + 0.06 * (y.1 - y.0)).max(y.0 + 1.2 * step));
+        let labels = (height / 18).clamp(2, 7).min(((y.1 - y.0) / step).min(7.0).ceil() as u32);
         let along = |(low, high): (f64, f64), value: f64, last: u32| {
             ((value - low) / (high - low) * f64::from(last)).round() as i64
         };

@@ -5,7 +5,7 @@
 use torno_plot::{Chart, Row, Series, Style};
 
 fn chart(series: &[Series]) -> String {
-    let row = Row { label: "a < b".to_owned(), gap: 16, ..Row::of_series(series, (0.0, 10.0), 92) };
+    let row = Row { label: "a < b".to_owned(), gap: 16, ..Row::of_series(series, (0.0, 10.0), 92, 1.0) };
     let rows = vec![row, Row { height: 22, ..Row::default() }];
     Chart { id: "it".to_owned(), title: "speed".to_owned(), range: (0.0, 10.0), unit: "s", rows }.svg()
 }

@@ -12,7 +12,7 @@ use torno::pace::Pace;
 use torno::pins::pins;
 use torno::play::{Ended, Play, Played, Progress};
 use torno::report::page::Page;
-use torno::report::{Bar, BoardSummary, Cut, Frames, Lines, Readout, Stats, Summary, failures};
+use torno::report::{Bar, BoardSummary, Cut, FaultSummary, Frames, Lines, Readout, Stats, Summary, failures};
 use torno::rig::file::RigFile;
 use torno::scenario::seed_text;
 use torno::tracking::{Tracking, has_axes};
@@ -231,7 +231,9 @@ impl Arguments {
         let (part, trace) = (cut.as_ref().map(|cut| cut.summary.clone()), played.trace.take());
         let summary = Summary { part, ..summary(played, rig, program_name, seed, started) };
         if let (Some(file), Some(trace)) = (report, trace) {
-            file.write(Page { trace: &trace, summary: Some(&summary), cut: cut.as_ref() }.html())?;
+            file.write(
+                Page { trace: &trace, summary: Some(&summary), cut: cut.as_ref(), faults: &summary.faults }.html(),
+            )?;
         }
         print_beside(
             &[&self.vcd, &self.part, &self.profile, &self.path, &self.report],
@@ -286,6 +288,7 @@ fn summary<J: Told>(played: Played<J>, rig: String, program: String, seed: u64, 
         digest: Some(played.digest.to_string()),
         pid: std::process::id(),
         incidents: played.incidents.iter().map(|incident| format!("{}: {incident}", incident.at)).collect(),
+        faults: FaultSummary::of(&played.begun),
         part: None,
         stats: played.measured.map(|measured| Stats::new(&played.costs, virtual_s, wall, measured)),
         order: played.boards.iter().map(|board| board.name.clone()).collect(),

@@ -83,6 +83,7 @@ impl Arguments {
             digest: None,
             pid: std::process::id(),
             incidents: Vec::new(),
+            faults: Vec::new(),
             boards: BTreeMap::new(),
             part: None,
             stats: None,

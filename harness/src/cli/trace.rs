@@ -81,7 +81,7 @@ impl Arguments {
             let file = OutputFile::create(path)?;
             file.write_by(|file| write_waveforms(&trace, pins, self.vcd_step, file))?;
         } else if let Some(path) = &self.report {
-            let page = Page { trace: &trace, summary: None, cut: Cut::of(&trace).as_ref() }.html();
+            let page = Page { trace: &trace, summary: None, cut: Cut::of(&trace).as_ref(), faults: &[] }.html();
             write_file(path, page)?;
         } else {
             let (kinds, csv) = if self.csv { (vec!["telemetry".to_owned()], true) } else { (self.shown.kind, false) };

@@ -12,8 +12,8 @@ use torno::fault::{self, FaultFile};
 use torno::kept::KeptFile;
 use torno::live::{Left, Live};
 use torno::pace::Pace;
-use torno::report::Cut;
 use torno::report::page::Page;
+use torno::report::{Cut, FaultSummary};
 use torno::rig::ProcessChange;
 use torno::rig::file::{DEFAULT, RigFile};
 use torno::scenario::seed_text;
@@ -216,7 +216,8 @@ impl Made<'_> {
         }
         let Some(trace) = &left.trace else { return Ok(()) };
         if let Some(file) = self.report {
-            file.write(Page { trace, summary: None, cut: cut.as_ref() }.html())?;
+            let faults = &FaultSummary::of(&left.begun);
+            file.write(Page { trace, summary: None, cut: cut.as_ref(), faults }.html())?;
         }
         if let Some(file) = self.vcd {
             file.write_by(|file| write_waveforms(trace, Vec::new(), Timescale::MICROSECOND, file))?;

@@ -78,6 +78,8 @@ pub struct Left {
     pub end: Instant,
     /// What has become of boards' processes.
     pub incidents: Vec<Incident>,
+    /// The faults that have begun, and when.
+    pub begun: Vec<(String, Instant)>,
     /// The faults that have broken nothing.
     pub unfired: Vec<Unfired>,
     /// What the boards keep without power that were to be asked.
@@ -181,8 +183,8 @@ impl Live {
         }
         let unfired = self.session.unfired();
         let turned = self.path.map(ToolPath::cut);
-        let crate::session::Ended { trace, kept, .. } = self.session.close(ENDED)?;
-        Ok(Left { end, unfired, kept, incidents: self.incidents, trace, turned })
+        let crate::session::Ended { trace, kept, begun, .. } = self.session.close(ENDED)?;
+        Ok(Left { end, begun, unfired, kept, incidents: self.incidents, trace, turned })
     }
 
     /// The rig.

@@ -5,9 +5,10 @@ use std::fmt::{self, Display, Write};
 use torno_plot::{Chart, Row, Series, Style, escaped};
 
 use super::part::sizes;
+use super::physical::Physical;
 use super::series::{Course, Courses, Motion, decimated, lasting};
 use super::timeline::{Bus, PC_HELD, Said};
-use super::{Cut, Shares, Stats, Summary};
+use super::{Cut, FaultSummary, Shares, Stats, Summary};
 use crate::session::INTERRUPTED;
 use crate::speed::with_speeds;
 use torno_trace::Trace;
@@ -16,6 +17,10 @@ const STYLE: &str = include_str!("page/style.css");
 const SCRIPT: &str = include_str!("page/zoom.js");
 /// Columns that a line is drawn in: two for each px of a chart, for whoever looks closer.
 const COLUMNS: u64 = 2 * Row::ALONG as u64;
+/// So much of what was done to the rig is in the summary.
+const NAMED: usize = 20;
+/// So many kinds of messages of a line are told apart in the figures.
+const KINDS: usize = 8;
 /// So many rows of what was said are listed.
 const LISTED: usize = 2_000;
 
@@ -28,6 +33,8 @@ pub struct Page<'a> {
     pub summary: Option<&'a Summary>,
     /// The part, if one was turned.
     pub cut: Option<&'a Cut>,
+    /// The faults that have begun, by their names, which no recording has.
+    pub faults: &'a [FaultSummary],
 }
 
 impl Page<'_> {
@@ -76,18 +83,23 @@ impl Page<'_> {
         }
         html.write_str("<div class=\"zoomable\">\n<section id=\"motion\">\n<h2>Motion</h2>\n")?;
         html.write_str(
-            "<p>As the boards' firmware has it. A following error is the set point less what came of it.</p>\n",
+            "<p>As the boards' firmware has it. A following error is the set point less what came of it; after \
+             settling, what is left of that at the end of each stay of the set point of half a second or more.</p>\n",
         )?;
         html.write_str("</section>\n")?;
         for (motion, chart) in motions.iter().zip(charts) {
-            write!(html, "<figure>\n<h3>{}</h3>\n{chart}</figure>\n", escaped(&motion.name))?;
+            let count = motion.physical.filter(|physical| physical.is_counted);
+            let count = count.map_or_else(String::new, |Physical { unit, worth, .. }| {
+                format!(" <small>1 {unit} is {} counts</small>", (1e3 / worth).round() / 1e3)
+            });
+            write!(html, "<figure>\n<h3>{}{count}</h3>\n{chart}</figure>\n", escaped(&motion.name))?;
         }
         Self::write_bus(html, bus)?;
         html.write_str("</div>\n")?;
         Self::write_close_up(html, bus)?;
         Self::write_said(html, bus)?;
         html.write_str("<section id=\"figures\">\n<h2>Figures</h2>\n<div class=\"tables\">\n")?;
-        self.write_summary(html)?;
+        self.write_summary(html, bus)?;
         self.write_motions(html, motions)?;
         self.write_lines(html, bus)?;
         self.write_boards(html)?;
@@ -109,30 +121,36 @@ impl Page<'_> {
     /// One strip below the other: how it went, the error, the drive.
     fn chart(&self, motion: &Motion) -> Chart {
         let range = (0.0, self.until());
-        let series = |name: &str, course: &Course| {
-            Series::new(name, Style::Steps, decimated(course, self.trace.until(), COLUMNS))
+        let series = |(name, course): (&str, &Course), worth: f64| {
+            let points = decimated(course, self.trace.until(), COLUMNS);
+            Series::new(name, Style::Steps, points.into_iter().map(|(at, value)| (at, value * worth)).collect())
         };
         let mut rows = Vec::new();
-        let mut add = |label: &str, unit: &str, height: u32, keys: Vec<&'static str>, series: &[Series]| {
-            let gap = if rows.is_empty() { 0 } else { 16 };
-            let (label, unit) = (label.to_owned(), unit.to_owned());
-            rows.push(Row { label, unit, keys, gap, ..Row::of_series(series, range, height) });
-        };
-        let mut got = vec![series(motion.what, &motion.got)];
-        got.extend(motion.asked.as_ref().map(|asked| series("set point", asked)));
-        let keys = if got.len() > 1 { vec![motion.what, "set point"] } else { Vec::new() };
-        add(motion.what, &motion.unit, 170, keys, &got);
+        // The first of several courses is what the row is about.
+        let mut add =
+            |label: &str, unit: &str, physical: Option<Physical>, height: u32, courses: &[(&'static str, &Course)]| {
+                let gap = if rows.is_empty() { 0 } else { 16 };
+                let (unit, worth) = physical.map_or((unit, 1.0), |physical| (physical.unit, physical.worth));
+                let keys = courses.iter().map(|(name, _)| *name).filter(|_| courses.len() > 1).collect();
+                let series: Vec<Series> = courses.iter().map(|course| series(*course, worth)).collect();
+                let (label, unit) = (label.to_owned(), unit.to_owned());
+                rows.push(Row { label, unit, keys, gap, ..Row::of_series(&series, range, height, worth) });
+            };
+        let (unit, physical) = (&motion.unit, motion.physical);
+        let mut courses = vec![(motion.what, &motion.got)];
+        courses.extend(motion.asked.as_ref().map(|asked| ("set point", asked)));
+        add(motion.what, unit, physical, 170, &courses);
         if let Some(error) = &motion.error {
-            add("following error", &motion.unit, 92, Vec::new(), &[series("error", error)]);
+            add("following error", unit, physical, 92, &[("error", error)]);
         }
-        if let Some((unit, speed)) = &motion.speed {
-            add("speed", unit, 92, Vec::new(), &[series("speed", speed)]);
+        if let Some((unit, physical, speed)) = &motion.speed {
+            add("speed", unit, *physical, 92, &[("speed", speed)]);
         }
-        if let Some(drive) = &motion.drive {
-            add("drive", "LSB", 92, Vec::new(), &[series("drive", drive)]);
+        if let Some((physical, drive)) = &motion.drive {
+            add("drive", "LSB", *physical, 92, &[("drive", drive)]);
         }
         if let Some(offset) = &motion.offset {
-            add("carriage offset", &motion.unit, 72, Vec::new(), &[series("offset", offset)]);
+            add("carriage offset", unit, physical, 72, &[("offset", offset)]);
         }
         let id = format!("chart-{}-{}", slug(&motion.name), motion.what);
         Chart { id, title: format!("{}: {}", motion.name, motion.what), range, unit: "s", rows }
@@ -252,7 +270,7 @@ impl Page<'_> {
         html.write_str("</tbody></table></details>\n")
     }
 
-    fn write_summary(&self, html: &mut String) -> fmt::Result {
+    fn write_summary(&self, html: &mut String, bus: &Bus<'_>) -> fmt::Result {
         html.write_str("<div><h3>Summary</h3><table id=\"summary\"><tbody>\n")?;
         let header = &self.trace.header;
         let mut row = |id: &str, name: &str, value: &dyn Display| {
@@ -287,6 +305,13 @@ impl Page<'_> {
                 row("tolerance", "worst deviation", &cut.summary.verdict())?;
             }
         }
+        if let Some(faults) = FaultSummary::text(self.faults) {
+            row("faults", "faults", &faults)?;
+        } else if !bus.inputs.is_empty() {
+            let named = bus.inputs.iter().take(NAMED).map(|(at, what)| format!("{what} at {:.3} s", at.as_secs_f64()));
+            let more = bus.inputs.len().checked_sub(NAMED + 1).map(|more| format!("and {} more", more + 1));
+            row("inputs", "done to the rig", &named.chain(more).collect::<Vec<_>>().join("; "))?;
+        }
         row("seed", "seed", &header.seed)?;
         if let Some(end) = &self.trace.end {
             row("digest", "digest of everything", &end.digest)?;
@@ -301,24 +326,30 @@ impl Page<'_> {
         }
         html.write_str(
             "<div><h3>Motors</h3><table id=\"motors\"><thead><tr><th>motor</th><th>of it</th><th class=\"n\">least</th>\
-             <th class=\"n\">greatest</th><th class=\"n\">worst following error</th><th class=\"n\">rms</th>\
-             <th class=\"n\">fullest drive</th></tr></thead><tbody>\n",
+             <th class=\"n\">greatest</th><th class=\"n\">worst following error</th>\
+             <th class=\"n\">after settling</th><th class=\"n\">rms</th><th class=\"n\">fullest drive</th></tr>\
+             </thead><tbody>\n",
         )?;
         for motion in motions {
             let values = || motion.got.iter().map(|(_, value)| *value);
             let worst =
                 |course: &Course| course.iter().map(|(_, value)| *value).max_by_key(|value| value.unsigned_abs());
-            let told = |value: Option<String>| value.unwrap_or_else(|| "–".to_owned());
-            let (name, what, unit) = (escaped(&motion.name), motion.what, escaped(&motion.unit));
-            let (least, greatest) = (values().min().unwrap_or_default(), values().max().unwrap_or_default());
-            let error = told(motion.error.as_ref().and_then(worst).map(|error| format!("{error} {unit}")));
-            let rms = told(motion.error.as_ref().map(|error| format!("{:.1} {unit}", self.rms(error))));
-            let drive = told(motion.drive.as_ref().and_then(worst).map(|drive| drive.to_string()));
-            writeln!(
-                html,
-                "<tr><th>{name}</th><td>{what}</td><td class=\"n\">{least}</td><td class=\"n\">{greatest} {unit}</td>\
-                 <td class=\"n\">{error}</td><td class=\"n\">{rms}</td><td class=\"n\">{drive}</td></tr>"
-            )?;
+            let value = |value: i64| in_unit(value as f64, 0, &motion.unit, motion.physical);
+            let error = motion.error.as_ref();
+            let drive = motion.drive.as_ref().and_then(|(physical, drive)| Some((physical, worst(drive)?)));
+            let cells = [
+                values().min().map(value),
+                values().max().map(value),
+                error.and_then(worst).map(value),
+                motion.settled.map(value),
+                error.map(|error| in_unit(self.rms(error), 1, &motion.unit, motion.physical)),
+                drive.map(|(physical, drive)| in_unit(drive as f64, 0, "LSB", *physical)),
+            ];
+            write!(html, "<tr><th>{}</th><td>{}</td>", escaped(&motion.name), motion.what)?;
+            for cell in cells {
+                write!(html, "<td class=\"n\">{}</td>", cell.as_deref().unwrap_or("–"))?;
+            }
+            html.write_str("</tr>\n")?;
         }
         html.write_str("</tbody></table></div>\n")
     }
@@ -344,7 +375,14 @@ impl Page<'_> {
                     None => words.push((said.word(), 1)),
                 }
             }
-            let words: Vec<String> = words.iter().map(|(word, count)| format!("{count} × {}", escaped(word))).collect();
+            // Where each message is another, those that come most often are enough.
+            let kinds = words.len();
+            if kinds > KINDS {
+                words.sort_by_key(|(_, count)| core::cmp::Reverse(*count));
+            }
+            let rest: usize = words.iter().skip(KINDS).map(|(_, count)| count).sum();
+            let shown = words.iter().take(KINDS).map(|(word, count)| format!("{count} × {}", escaped(word)));
+            let words: Vec<String> = shown.chain((rest > 0).then(|| format!("{rest} others"))).collect();
             let (name, words) = (escaped(&bus.name(*line)), words.join(", "));
             writeln!(
                 html,
@@ -395,6 +433,16 @@ fn write_stats(html: &mut String, stats: &Stats) -> fmt::Result {
         )?;
     }
     html.write_str("</tbody></table></div>\n")
+}
+
+/// A value for people, with the counts beside it.
+fn in_unit(value: f64, digits: usize, unit: &str, physical: Option<Physical>) -> String {
+    let told = format!("{value:.digits$} {}", escaped(unit));
+    match physical {
+        Some(physical) if physical.is_counted => format!("{}<br><small>{told}</small>", physical.text(value)),
+        Some(physical) => physical.text(value),
+        None => told,
+    }
 }
 
 fn percent(part: f64, whole: f64) -> String {

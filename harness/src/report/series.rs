@@ -3,9 +3,15 @@
 use torno_protocol::board::{Description, Role, Signal};
 use torno_protocol::time::Instant;
 
+use super::physical::{Physical, board};
+use crate::rig::file::{Board, RigFile};
 use torno_engine::Fact;
 use torno_protocol::layout::BoardLayout;
+use torno_protocol::time::Span;
 use torno_trace::Trace;
+
+/// A set point that has stood for so long is one to settle at. (Ours.)
+const STANDS: Span = Span::from_millis(500);
 
 /// What a quantity was, from each instant on.
 pub type Course = Vec<(Instant, i64)>;
@@ -21,18 +27,22 @@ pub struct Motion {
     pub name: String,
     /// `speed` or `position`.
     pub what: &'static str,
-    /// The unit of all but the drive.
+    /// The unit in which all but the drive and the speed are told.
     pub unit: String,
+    /// The unit for people, if that is another.
+    pub physical: Option<Physical>,
     /// How it went.
     pub got: Course,
     /// The set point, if one is told, or follows from what remains to go.
     pub asked: Option<Course>,
     /// The following error: the set point less what came of it.
     pub error: Option<Course>,
-    /// The drive, in LSB.
-    pub drive: Option<Course>,
-    /// How fast an axis moved, and in what unit.
-    pub speed: Option<(String, Course)>,
+    /// What was left of it when the motor had settled: at the end of each stay of the set point, the largest.
+    pub settled: Option<i64>,
+    /// The drive, in LSB or what the unit for people is made of.
+    pub drive: Option<(Option<Physical>, Course)>,
+    /// How fast an axis moved, and in what unit it is told.
+    pub speed: Option<(String, Option<Physical>, Course)>,
     /// How far the carriage is from where its board believes it to be, if it ever was.
     pub offset: Option<Course>,
 }
@@ -61,8 +71,13 @@ impl Courses {
 
     /// The motors of a rig, in its order.
     pub fn motions(&self, trace: &Trace) -> Vec<Motion> {
+        let file = RigFile::parse(&trace.header.rig, &trace.header.text).ok();
         let boards = trace.header.layout.boards.iter().enumerate();
-        boards.flat_map(|(n, board)| motions(&board.name, &board.description, &self.0[n])).collect()
+        let until = trace.until();
+        let of = |(n, known): (usize, &BoardLayout)| {
+            motions(&known.name, board(file.as_ref(), n), &known.description, &self.0[n], until)
+        };
+        boards.flat_map(of).collect()
     }
 }
 
@@ -122,18 +137,47 @@ impl Places {
         })
     }
 
+    /// The unit for people, if another is told.
+    pub fn physical(&self, board: Option<&Board>, description: &Description) -> Option<Physical> {
+        Physical::of_position(board?, self.motor, &description.signals[self.got].unit)
+            .filter(|_| self.what == "position")
+    }
+
     /// The board's name, and the motor's, if it has several.
     pub fn name(&self, board: &str, description: &Description) -> String {
         description.motor_name(self.motor).map_or_else(|| board.to_owned(), |motor| format!("{board} {motor}"))
     }
 }
 
-/// The motors of one board, in the order in which their speeds and positions come.
-fn motions(board: &str, description: &Description, courses: &[Course]) -> Vec<Motion> {
-    Places::of(description).iter().filter_map(|places| motion(board, description, courses, places)).collect()
+/// What is left of an error at the end of each stay of the set point: the largest, if it ever stood for long enough.
+fn settled(asked: &Course, error: &Course, until: Instant) -> Option<i64> {
+    let stays = asked.chunk_by(|a, b| a.1 == b.1).map(|stay| stay[0].0);
+    let ends = stays.clone().skip(1).chain([until]);
+    let long = stays.zip(ends).filter(|(from, end)| end.since(*from) >= STANDS);
+    let left = long.filter_map(|(_, end)| Some(error[..error.partition_point(|(at, _)| *at < end)].last()?.1));
+    left.max_by_key(|left| left.unsigned_abs())
 }
 
-fn motion(board: &str, description: &Description, courses: &[Course], places: &Places) -> Option<Motion> {
+/// The motors of one board, in the order in which their speeds and positions come.
+fn motions(
+    name: &str,
+    board: Option<&Board>,
+    description: &Description,
+    courses: &[Course],
+    until: Instant,
+) -> Vec<Motion> {
+    let motion = |places: &Places| motion(places.name(name, description), board, description, courses, places, until);
+    Places::of(description).iter().filter_map(motion).collect()
+}
+
+fn motion(
+    name: String,
+    board: Option<&Board>,
+    description: &Description,
+    courses: &[Course],
+    places: &Places,
+    until: Instant,
+) -> Option<Motion> {
     let of = |place: Option<usize>| courses.get(place?);
     let unit = |place: usize| description.signals[place].unit.clone();
     let got = of(Some(places.got))?;
@@ -142,15 +186,23 @@ fn motion(board: &str, description: &Description, courses: &[Course], places: &P
         (None, Some(rest)) => (Some(merged(got, rest, i64::saturating_add)), Some(rest.clone())),
         (None, None) => (None, None),
     };
+    let speed = |place: usize| {
+        let unit = unit(place);
+        let physical = board.and_then(|board| Physical::of_speed(board, places.motor, &unit));
+        Some((unit, physical, of(Some(place))?.clone()))
+    };
+    let drive = of(places.drive).cloned();
     Some(Motion {
-        name: places.name(board, description),
+        name,
         what: places.what,
         unit: unit(places.got),
+        physical: places.physical(board, description),
+        settled: asked.as_ref().zip(error.as_ref()).and_then(|(asked, error)| settled(asked, error, until)),
         got: got.clone(),
         asked,
         error,
-        drive: of(places.drive).cloned(),
-        speed: places.speed.and_then(|place| Some((unit(place), of(Some(place))?.clone()))),
+        drive: drive.map(|drive| (board.and_then(|board| Physical::of_drive(board, places.motor)), drive)),
+        speed: places.speed.and_then(speed),
         offset: of(places.offset).filter(|course| course.iter().any(|(_, value)| *value != 0)).cloned(),
     })
 }
@@ -225,7 +277,7 @@ mod tests {
         .unzip();
         let motor = |name: &str| Motor { name: name.to_owned(), capabilities: Vec::new() };
         let description = Description { signals, motors: vec![motor("s"), motor("x")], ..Description::default() };
-        let found = motions("b", &description, &courses);
+        let found = motions("b", None, &description, &courses, Instant::from_nanos(1_000_000_000));
         let [speed, x] = &found[..] else { panic!("{found:?}") };
         assert_eq!((speed.name.as_str(), speed.what, speed.unit.as_str()), ("b s", "speed", "rpm"));
         assert_eq!(speed.error, Some(course(&[(0, 0), (10, 5), (20, -2)])));
@@ -234,7 +286,18 @@ mod tests {
         assert_eq!(x.asked, Some(course(&[(0, 0), (5, 3), (10, 3)])));
         assert_eq!((x.name.as_str(), x.what), ("b x", "position"));
         let one = Description { motors: vec![motor("s")], ..description };
-        assert_eq!(motions("b", &one, &courses)[0].name, "b");
+        assert_eq!(motions("b", None, &one, &courses, Instant::START)[0].name, "b");
+    }
+
+    #[test]
+    fn what_is_left_of_an_error_counts_where_the_set_point_stands() {
+        let ms = |ms: u64| Instant::from_nanos(ms * 1_000_000);
+        // It goes for 100 ms, stands for a second with an error that shrinks to 3, and goes on.
+        let asked = course(&[(0, 0), (50, 40), (100, 90), (400, 90), (1_100, 95), (1_150, 99)]);
+        let error = course(&[(0, 0), (50, 40), (100, 70), (300, 9), (800, -3), (1_100, 2), (1_150, 6)]);
+        assert_eq!(settled(&asked, &error, ms(1_200)), Some(-3));
+        assert_eq!(settled(&asked, &error, ms(1_700)), Some(6));
+        assert_eq!(settled(&asked[..3].to_vec(), &error, ms(300)), None);
     }
 
     #[test]

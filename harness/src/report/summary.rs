@@ -6,6 +6,7 @@ use std::fmt;
 use anstyle::{AnsiColor, Style};
 use serde::Serialize;
 use torno_protocol::lathe::Tally;
+use torno_protocol::time::Instant;
 
 use super::{PartSummary, Stats};
 use crate::job::LineJob;
@@ -52,6 +53,9 @@ pub struct Summary {
     pub pid: u32,
     /// What became of the boards' processes.
     pub incidents: Vec<String>,
+    /// The faults that have begun.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub faults: Vec<FaultSummary>,
     /// The boards.
     pub boards: BTreeMap<String, BoardSummary>,
     /// The part that was turned, if the rig turns one.
@@ -63,6 +67,28 @@ pub struct Summary {
     #[serde(skip)]
     /// The boards' names in the order of the rig.
     pub order: Vec<String>,
+}
+
+/// A fault that has begun.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FaultSummary {
+    /// Its name.
+    pub name: String,
+    /// When it began, s.
+    pub from_s: f64,
+}
+
+impl FaultSummary {
+    /// Those that have begun, and when.
+    pub fn of(begun: &[(String, Instant)]) -> Vec<Self> {
+        begun.iter().map(|(name, since)| Self { name: name.clone(), from_s: since.as_secs_f64() }).collect()
+    }
+
+    /// All of them in one text; None, if there are none.
+    pub fn text(faults: &[Self]) -> Option<String> {
+        let names = faults.iter().map(|Self { name, from_s }| format!("{name} at {from_s:.3} s"));
+        (!faults.is_empty()).then(|| names.collect::<Vec<_>>().join(", "))
+    }
 }
 
 /// The frames of a program.
@@ -193,6 +219,9 @@ impl fmt::Display for Summary {
                 )?;
             }
             _ => writeln!(text, "{:<9}{:.3} s", "time", self.wall_s)?,
+        }
+        if let Some(faults) = FaultSummary::text(&self.faults) {
+            writeln!(text, "{:<9}{faults}", "faults")?;
         }
         if let Some(part) = &self.part {
             part.write(text, problem)?;

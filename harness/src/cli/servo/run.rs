@@ -104,7 +104,7 @@ impl Arguments {
         let outcome = ran.as_ref().map_or("failed", |report| report.ended.name());
         let left = controller.disconnect().end(outcome).await?;
         if let (Some(file), Some(trace)) = (page, &left.trace) {
-            file.write(Page { trace, summary: None, cut: None }.html())?;
+            file.write(Page { trace, summary: None, cut: None, faults: &[] }.html())?;
         }
         self.tell(&Report { rig: Some((left.end, left.boards)), ..ran? })
     }
