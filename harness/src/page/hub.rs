@@ -18,8 +18,11 @@ const LOOK: Duration = Duration::from_millis(40);
 const LOOKS_PER_PART: u64 = 8;
 /// Where nothing changes, a browser is told so at every so many looks: it sees that the rig is there.
 const LOOKS_AT_LEAST: u64 = 25;
-/// So many rows go with a look at the most: the last ones. (Ours: more than a person reads in a second.)
+/// So many rows go with a look at the most, and so many of quantities: the last ones. (Ours: more than a person reads
+/// in a second.)
 const ROWS: usize = 300;
+/// What a row of a quantity has in it.
+const TELEMETRY: &str = "\"kind\":\"telemetry\"";
 /// So many bytes wait for a browser: some seconds of a busy rig. (Ours.)
 const ROOM: usize = 256 << 10;
 /// What the page shows of what happens.
@@ -112,7 +115,7 @@ impl Hub {
                 }
             }
             let now = asker.ask(Request::State, &nothing).await;
-            let same = now == state && happened.rows.is_empty() && look % LOOKS_AT_LEAST != 0;
+            let same = now == state && happened.is_empty() && look % LOOKS_AT_LEAST != 0;
             state = now;
             if !same && !self.tell_all(&event("look", &happened.take(&state))) {
                 return;
@@ -142,23 +145,33 @@ async fn hand_on(mut to_tell: ToTell, sender: Sender<Bytes>) {
 #[derive(Debug, Default)]
 struct Happened {
     rows: VecDeque<String>,
+    /// Those of quantities. Of what is drawn of them nothing is to be missing because many characters passed.
+    quantities: VecDeque<String>,
     /// So many came before, and are not told.
     left_out: usize,
 }
 
 impl Happened {
     fn note(&mut self, lines: &[u8]) {
-        let lines = String::from_utf8_lossy(lines);
-        self.rows.extend(lines.lines().map(str::to_owned));
-        let beyond = self.rows.len().saturating_sub(ROWS);
-        self.rows.drain(..beyond);
-        self.left_out += beyond;
+        for line in String::from_utf8_lossy(lines).lines() {
+            let rows = if line.contains(TELEMETRY) { &mut self.quantities } else { &mut self.rows };
+            rows.push_back(line.to_owned());
+            if rows.len() > ROWS {
+                rows.pop_front();
+                self.left_out += 1;
+            }
+        }
+    }
+
+    fn is_empty(&self) -> bool {
+        self.rows.is_empty() && self.quantities.is_empty()
     }
 
     /// What a browser is told of this look.
     fn take(&mut self, state: &str) -> String {
-        let Self { rows, left_out } = core::mem::take(self);
-        let rows: Vec<String> = rows.into();
+        let Self { rows, mut quantities, left_out } = core::mem::take(self);
+        quantities.extend(rows);
+        let rows: Vec<String> = quantities.into();
         format!("{{\"state\":{state},\"left_out\":{left_out},\"rows\":[{}]}}", rows.join(","))
     }
 }
@@ -174,6 +187,11 @@ mod tests {
         let told: Value = serde_json::from_str(&happened.take("{\"ok\":1}")).unwrap();
         assert_eq!((told["left_out"].as_u64(), told["rows"].as_array().unwrap().len()), (Some(7), ROWS));
         assert_eq!((told["rows"][0].as_u64(), told["state"]["ok"].as_u64()), (Some(7), Some(1)));
+        // Many characters leave the quantities their room.
+        happened.note(b"{\"kind\":\"telemetry\",\"value\":7}\n");
+        (0..2 * ROWS).for_each(|n| happened.note(format!("{n}\n").as_bytes()));
+        let told: Value = serde_json::from_str(&happened.take("{\"ok\":1}")).unwrap();
+        assert_eq!((told["left_out"].as_u64(), told["rows"][0]["value"].as_u64()), (Some(300), Some(7)));
         assert_eq!(happened.take("1"), "{\"state\":1,\"left_out\":0,\"rows\":[]}");
     }
 
