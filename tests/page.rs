@@ -351,21 +351,54 @@ fn what_a_program_outside_has_made_is_drawn_reported_and_dumped_at_the_end() {
 const UNSAID: &str = r"import('./texts.js').then(({ LANGUAGES, TEXTS }) => Object.keys(TEXTS).filter((key) =>
   TEXTS[key].length !== Object.keys(LANGUAGES).length || TEXTS[key].some((text) => !text)))";
 
+const MOVES: &str = "p0 k10 x5\nx30 t3\np10 k0 x5\nx0 t0.5\ne\n";
+const ROSETTE: &str = include_str!("../harness/builtin/rosette.nc");
+
+/// Plays a program on a rig, and lets its time stand still at so many seconds, or at its end.
+fn play_until(up: &Up, program: &str, seconds: f64) {
+    let folder = crate::common::folder();
+    let path = folder.path().join("program");
+    std::fs::write(&path, program).unwrap();
+    let path = path.to_str().unwrap();
+    if up.ready["rig"] == "servo" {
+        let link = up.link();
+        let ran = output(&["servo", "run", path, "--port", link.to_str().unwrap(), "--json"]);
+        assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
+    } else {
+        ctl(up, &["play", path]);
+    }
+    wait_until("time has come so far", || ctl(up, &["state"])["ns"].as_f64() > Some(seconds * 1e9));
+    ctl(up, &["pause"]);
+}
+
 #[test]
 fn the_page_of_every_rig_has_room_at_every_width() {
     let Some(mut browser) = Browser::start() else { return };
     let mut said = false;
-    for (rig, charts) in [("lathe", 3), ("lathe-dspic", 3), ("lathe-grbl", 3), ("servo", 1)] {
-        let up = Up::start(&[rig, "--page", "--in-process"]);
+    for (rig, charts, program, seconds) in [
+        ("lathe", 3, FRAMES, 90.0),
+        ("lathe-dspic", 3, FRAMES, 90.0),
+        ("lathe-grbl", 3, LINES, 90.0),
+        ("servo", 1, MOVES, 4.0),
+        ("engraver", 4, ROSETTE, 61.0),
+    ] {
+        // The servo stand's PC has no patience.
+        let how = match rig {
+            "servo" => &["--pace", "1"][..],
+            "engraver" => &["--pace", "10", "--set", "engraver.tell_ms=20"],
+            _ => &["--pace", "30"],
+        };
+        let up = Up::start(&[&[rig, "--page", "--in-process"], how].concat());
         browser.show(up.ready["page"].as_str().unwrap());
         browser.wait_until("document.getElementById('time')?.textContent.endsWith(' s') ?? false");
         assert_eq!(browser.run("document.querySelectorAll('#charts canvas').length"), charts, "{rig}");
         if !core::mem::replace(&mut said, true) {
             assert_eq!(browser.run(UNSAID), json!([]));
         }
+        play_until(&up, program, seconds);
         for (width, dark) in [(1440, false), (1000, true), (400, false), (400, true)] {
             browser.resize(width, dark);
-            for language in ["en", "es", "pl", "zh"] {
+            for language in ["es", "pl", "zh", "en"] {
                 let choose = format!(
                     "(() => {{ const it = document.getElementById('language'); it.value = '{language}'; \
                      it.dispatchEvent(new Event('change')); return document.documentElement.lang; }})()"
@@ -424,6 +457,45 @@ fn a_program_is_typed_and_started_by_hand_and_the_part_is_drawn() {
     browser.run("document.getElementById('program-start').click()");
     browser.wait_until("document.getElementById('part-events').textContent.includes('with a stopped spindle')");
     assert_eq!(browser.run(FLAWS), json!([]));
+    assert_eq!(browser.complaints, [""; 0]);
+    end(up);
+}
+
+#[test]
+fn the_way_of_the_engravers_tool_is_drawn_where_it_is_in_the_work() {
+    let Some(mut browser) = Browser::start() else { return };
+    let up = Up::start(&["engraver", "--page", "--in-process", "--pace", "20", "--set", "engraver.tell_ms=20"]);
+    browser.show(up.ready["page"].as_str().unwrap());
+    browser.wait_until("!!document.querySelector('svg.bed')?.getAttribute('aria-label')");
+    // So many px are drawn of the way that was asked, and of the one that the carriages went.
+    let inked = "['asked', 'got'].map((way) => { const { width, height } = document.querySelector(`canvas.${way}`); \
+                 const { data } = document.querySelector(`canvas.${way}`).getContext('2d') \
+                 .getImageData(0, 0, width, height); \
+                 return data.filter((value, n) => n % 4 === 3 && value > 99).length; })";
+    assert_eq!(browser.run(inked), json!([0, 0]));
+    let played = |browser: &mut Browser, program: &str| {
+        browser.run(&format!("document.getElementById('program-text').value = {}", json!(program)));
+        browser.run("document.getElementById('program-start').click()");
+        let lines = program.lines().count();
+        wait_until("the program is through", || {
+            let state = ctl(&up, &["state"]);
+            let (program, axes) = (&state["program"], &state["boards"][0]["telemetry"]);
+            program["accepted"] == lines
+                && program["outcome"] == "completed"
+                && axes["z_carriage_nm"].as_i64() > Some(1_990_000)
+        });
+        browser.wait_until("document.querySelector('.readout').textContent.includes('in the air')");
+    };
+    // In the air, nothing is drawn.
+    played(&mut browser, "G21 G90\nG0 Z2\nG0 X20 Y0\n");
+    assert_eq!(browser.run(inked), json!([0, 0]));
+    played(&mut browser, "G21 G91\nG1 Z-2.5 F600\nG2 X0 Y0 I-20 J0\nG0 Z2.5\n");
+    browser.wait_until(&format!("{inked}[0] > 1200"));
+    browser.wait_until("document.querySelector('.readout').textContent.includes('in the air')");
+    let lines = browser.run(inked);
+    // A circle of 40 mm where 80 are shown: at more than 3 px a mm, lines of 4 and 1.4 px.
+    let px = |n: usize| lines[n].as_u64().unwrap();
+    assert!(px(1) > 300 && px(0) < 12_000, "{lines}");
     assert_eq!(browser.complaints, [""; 0]);
     end(up);
 }

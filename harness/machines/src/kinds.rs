@@ -46,6 +46,8 @@ pub struct Kind {
 pub struct Carriage {
     /// How far it goes for each count of its encoder, in mm.
     pub mm_per_count: f64,
+    /// From where to where it can go, in mm from where it stands at the start; None, if it turns.
+    pub bed_mm: Option<(f64, f64)>,
     /// What follows it between two counts, if they are far apart.
     pub slide: Option<Slide>,
 }

@@ -20,13 +20,8 @@ export function ticks(least, greatest, most) {
   return found;
 }
 
-/** The physical unit of a motor's count, and what one is worth in it. */
-export function physical(rig, chart) {
-  const mm = rig.boards.find((board) => board.name === chart.board).motors[chart.motor]?.mm_per_count;
-  if (chart.unit === "nm") return { unit: "mm", worth: 1e-6, digits: 3 };
-  if (chart.unit === "counts" && mm) return { unit: "mm", worth: mm, digits: 3 };
-  return { unit: chart.unit, worth: 1, digits: 0 };
-}
+/** The unit for people of what a motor tells, and what one of that is worth in it. */
+export const physical = ({ physical, unit }) => physical ?? { unit, worth: 1, digits: 0 };
 
 export class Charts {
   #model;
@@ -48,7 +43,7 @@ export class Charts {
   #chart(chart) {
     const canvas = make("canvas", { role: "img" });
     const now = make("figcaption");
-    const inUnit = physical(this.#model.rig, chart);
+    const inUnit = physical(chart);
     const what = make("span", { class: "dim" }, `${say(chart.what)}, ${inUnit.unit}`);
     const figure = make("figure", {}, make("h3", {}, chart.name, " ", what), canvas, now);
     return { chart, figure, canvas, now, ...inUnit };
@@ -79,8 +74,10 @@ export class Charts {
     add("got", got * worth, unit, digits);
     if (asked !== null) add("error", (asked - got) * worth, unit, digits);
     const signal = (name) => model.board(chart.board).signals.find((signal) => signal.name === name);
-    if (chart.speed) add("speed", model.value(chart.board, chart.speed), signal(chart.speed).unit, 0);
-    if (chart.drive) add("drive", model.value(chart.board, chart.drive), signal(chart.drive).unit, 0);
+    for (const what of ["speed", "drive"].filter((what) => chart[what])) {
+      const { unit, worth, digits } = chart[`${what}_in`] ?? { unit: signal(chart[what]).unit, worth: 1, digits: 0 };
+      add(what, model.value(chart.board, chart[what]) * worth, unit, digits);
+    }
     const offset = chart.offset ? model.value(chart.board, chart.offset) : 0;
     if (offset) add("offset", offset * worth, unit, digits);
     put(now, texts.join(" · "));

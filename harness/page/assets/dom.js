@@ -53,14 +53,22 @@ export function pressable(element, press) {
   return element;
 }
 
-/** A canvas that is as sharp as the screen: its context, its width and its height in px of the page. */
-export function paper(canvas) {
+/** A canvas that is as sharp as the screen, with what is on it, unless its size has changed: its context, its width and
+ * its height in px of the page. */
+export function sized(canvas) {
   const ratio = window.devicePixelRatio || 1;
   const { clientWidth: width, clientHeight: height } = canvas;
   const [w, h] = [Math.round(width * ratio), Math.round(height * ratio)];
-  if (canvas.width !== w || canvas.height !== h) Object.assign(canvas, { width: w, height: h });
+  const changed = canvas.width !== w || canvas.height !== h;
+  if (changed) Object.assign(canvas, { width: w, height: h });
   const context = canvas.getContext("2d");
   context.setTransform(ratio, 0, 0, ratio, 0, 0);
+  return { context, width, height, changed };
+}
+
+/** The same, with nothing on it. */
+export function paper(canvas) {
+  const { context, width, height } = sized(canvas);
   context.clearRect(0, 0, width, height);
   return { context, width, height };
 }

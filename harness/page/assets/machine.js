@@ -1,5 +1,6 @@
-// The machine: what the rig file says of a part that is turned, or else its carriages.
+// The machine: what the rig file says of a part that is turned; or else the bed that a tool moves over, or carriages.
 
+import { Bed, axes } from "./bed.js";
 import { find } from "./dom.js";
 import { Lathe } from "./lathe.js";
 import { Slides } from "./slides.js";
@@ -18,7 +19,10 @@ export class Machine {
       const known = rig.boards.find(({ name }) => name === board);
       return known.motors[motor]?.capabilities.includes("Axis");
     });
-    this.#drawn = rig.part ? new Lathe(this.#model) : slides.length ? new Slides(this.#model, slides) : null;
+    const bed = axes(rig);
+    if (rig.part) this.#drawn = new Lathe(this.#model);
+    else if (bed) this.#drawn = new Bed(this.#model, bed);
+    else this.#drawn = slides.length ? new Slides(this.#model, slides) : null;
     find("machine").hidden = !this.#drawn;
     find("machine-drawing").replaceChildren(...(this.#drawn ? [this.#drawn.element] : []));
   }

@@ -29,7 +29,7 @@ export class Slides {
     const picture = draw("svg", { role: "img", class: "slide" }, rod, thread, ...ends, scale, asked, carriage);
     const words = make("p", { class: "readout" });
     const element = make("div", {}, make("h3", {}, chart.name), picture, words);
-    const physically = physical(this.#model.rig, chart);
+    const physically = physical(chart);
     // A unit that is too small to be seen is not what the drawing is measured by.
     const seen = physically.unit === "mm" ? Math.max(physically.worth, 1e-3) : physically.worth;
     const [least, greatest] = [-seen, 200 * seen];

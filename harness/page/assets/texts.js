@@ -123,5 +123,13 @@ export const TEXTS = {
     "Tokarka z boku: wrzeciono {} obr/min, nóż przy z {} mm, średnica {} mm",
     "车床侧视图:主轴 {} 转/分,刀具 z {} mm,直径 {} mm",
   ],
+  bed_label: [
+    "The bed from above: {}; {}",
+    "La mesa desde arriba: {}; {}",
+    "Stół z góry: {}; {}",
+    "工作台俯视图:{};{}",
+  ],
+  tool_down: ["tool in the work", "herramienta en la pieza", "narzędzie w materiale", "刀具在工件中"],
+  tool_up: ["tool in the air", "herramienta en el aire", "narzędzie w powietrzu", "刀具在空中"],
   slide_label: ["{}: carriage at {}", "{}: carro en {}", "{}: suport w położeniu {}", "{}:滑架位于 {}"],
 };

@@ -32,6 +32,7 @@ assets! {
     SCRIPT "program.js",
     SCRIPT "machine.js",
     SCRIPT "lathe.js",
+    SCRIPT "bed.js",
     SCRIPT "slides.js",
 }
 

@@ -5,9 +5,10 @@ use torno_machines::kinds;
 use torno_machines::workpiece::{Axis, Part, Source};
 use torno_protocol::board::Motor;
 use torno_protocol::lathe::Program;
-use torno_protocol::layout::Layout;
+use torno_protocol::layout::{BoardLayout, Layout};
 
 use crate::fault::fault_kinds;
+use crate::report::physical::Physical;
 use crate::report::series::Places;
 use crate::rig::file::RigFile;
 use crate::speed::AxisSpeed;
@@ -21,38 +22,29 @@ pub(super) fn rig(file: &RigFile) -> Value {
     json!({
         "rig": file.name,
         "torno": env!("CARGO_PKG_VERSION"),
-        "boards": boards(file, &layout),
+        "boards": boards(&layout),
         "lines": lines(&layout),
-        "charts": charts(&layout),
+        "charts": charts(file, &layout),
         "part": file.part.as_ref().map(|part| drawn_part(part, &layout)),
         "faults": fault_kinds(),
         "plays": file.pc.dialect.counts_characters() || file.pc.dialect.name() == Program::DIALECT,
     })
 }
 
-fn boards(file: &RigFile, layout: &Layout) -> Vec<Value> {
-    let known = layout.boards.iter().enumerate();
-    let board = |(node, board): (usize, &torno_protocol::layout::BoardLayout)| {
-        let motor = |(place, motor): (usize, &Motor)| {
-            let of = file.boards.get(node).zip(u8::try_from(place).ok());
-            let carriage = of.and_then(|(board, place)| kinds::carriage(&board.kind, &board.settings, place).ok()?);
-            json!({
-                "name": motor.name,
-                "capabilities": motor.capabilities,
-                "mm_per_count": carriage.map(|carriage| carriage.mm_per_count),
-            })
-        };
+fn boards(layout: &Layout) -> Vec<Value> {
+    let board = |board: &BoardLayout| {
+        let motor = |motor: &Motor| json!({ "name": motor.name, "capabilities": motor.capabilities });
         let description = &board.description;
         json!({
             "name": board.name,
             "kind": board.kind,
             "gateway": board.is_gateway(),
             "capabilities": description.capabilities,
-            "motors": description.motors.iter().enumerate().map(motor).collect::<Vec<_>>(),
+            "motors": description.motors.iter().map(motor).collect::<Vec<_>>(),
             "signals": description.signals,
         })
     };
-    known.map(board).collect()
+    layout.boards.iter().map(board).collect()
 }
 
 fn lines(layout: &Layout) -> Vec<Value> {
@@ -70,17 +62,25 @@ fn lines(layout: &Layout) -> Vec<Value> {
 }
 
 /// Which quantities are drawn together, as the report does.
-fn charts(layout: &Layout) -> Vec<Value> {
-    let charts = layout.boards.iter().flat_map(|board| {
-        let description = &board.description;
+fn charts(file: &RigFile, layout: &Layout) -> Vec<Value> {
+    let charts = layout.boards.iter().enumerate().flat_map(|(node, board)| {
+        let (description, known) = (&board.description, file.boards.get(node));
         let name = |place: Option<usize>| place.map(|place| description.signals[place].name.as_str());
         let chart = |places: Places| {
+            let unit = |place: usize| description.signals[place].unit.as_str();
+            let speed = places.speed.zip(known);
+            let carriage =
+                known.and_then(|board| kinds::carriage(&board.kind, &board.settings, places.motor).ok().flatten());
             json!({
                 "name": places.name(&board.name, description),
                 "board": board.name,
                 "motor": places.motor,
                 "what": places.what,
-                "unit": description.signals[places.got].unit,
+                "unit": unit(places.got),
+                "physical": places.physical(known, description),
+                "speed_in": speed.and_then(|(place, board)| Physical::of_speed(board, places.motor, unit(place))),
+                "drive_in": known.and_then(|board| Physical::of_drive(board, places.motor)),
+                "bed_mm": carriage.and_then(|carriage| carriage.bed_mm),
                 "got": name(Some(places.got)),
                 "asked": name(places.asked),
                 "rest": name(places.rest),
@@ -122,7 +122,9 @@ mod tests {
 
     #[test]
     fn every_built_in_rig_has_what_is_drawn_of_it() {
-        for (name, motors, turns) in [("lathe", 3, true), ("lathe-dspic", 3, true), ("servo", 1, false)] {
+        for (name, motors, turns) in
+            [("lathe", 3, true), ("lathe-dspic", 3, true), ("servo", 1, false), ("engraver", 4, false)]
+        {
             let drawn = rig(&RigFile::load(name).unwrap());
             let charts = drawn["charts"].as_array().unwrap();
             assert_eq!((charts.len(), drawn["part"].is_object()), (motors, turns), "{name}");
@@ -139,6 +141,15 @@ mod tests {
         let lathe = rig(&RigFile::load("lathe").unwrap());
         assert_eq!(lathe["part"]["z"]["way"]["board"], "transverse");
         assert_eq!(lathe["boards"][2]["motors"][0]["capabilities"], json!(["Motor", "Axis"]));
-        assert!((lathe["boards"][2]["motors"][0]["mm_per_count"].as_f64().unwrap() - 1.0 / 450.0).abs() < 1e-9);
+        let feed = &lathe["charts"][1];
+        assert!((feed["physical"]["worth"].as_f64().unwrap() - 1.0 / 450.0).abs() < 1e-9);
+        assert_eq!((&feed["speed_in"]["unit"], &feed["drive_in"]["unit"]), (&json!("mm/s"), &json!("%")));
+        let engraver = rig(&RigFile::load("engraver").unwrap());
+        let units = engraver["charts"].as_array().unwrap().iter().map(|chart| &chart["physical"]["unit"]);
+        assert_eq!(units.collect::<Vec<_>>(), ["mm", "mm", "mm", "deg"]);
+        assert_eq!(
+            (&engraver["charts"][0]["bed_mm"], &engraver["charts"][3]["bed_mm"]),
+            (&json!([-150.0, 150.0]), &Value::Null)
+        );
     }
 }

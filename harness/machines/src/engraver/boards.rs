@@ -7,6 +7,9 @@ use crate::kinds::{Carriage, Kind, boxed, read};
 /// Why its motors cannot be driven freely.
 const STEPPERS: &str = "has stepper motors: they go where their pulses say, and have no response to measure";
 
+/// The place of the axis that turns.
+const TURNS: usize = 3;
+
 /// The board with its axes.
 pub(super) const KIND: Kind = Kind {
     name: "engraver",
@@ -16,8 +19,12 @@ pub(super) const KIND: Kind = Kind {
     rehearsal: |_, _| Ok(None),
     carriage: |settings, motor| {
         let settings = read(settings, EngraverSettings::check)?;
-        let count_pm = |motor: u8| settings.axis(motor.into()).scale().count_pm();
-        let mm = |motor: u8| Carriage { mm_per_count: count_pm(motor) as f64 / 1e9, slide: None };
-        Ok((u32::from(motor) < settings.axes).then(|| mm(motor)))
+        let carriage = || {
+            let axis = settings.axis(motor.into());
+            let half = axis.mechanics.travel_mm / 2.0;
+            let bed_mm = (usize::from(motor) < TURNS).then_some((-half, half));
+            Carriage { mm_per_count: axis.scale().count_pm() as f64 / 1e9, bed_mm, slide: None }
+        };
+        Ok((u32::from(motor) < settings.axes).then(carriage))
     },
 };

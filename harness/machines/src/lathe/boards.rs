@@ -93,11 +93,14 @@ pub(super) const KINDS: [Kind; 5] = [
 ];
 
 fn feed(settings: &TransverseSettings) -> Carriage {
-    Carriage { mm_per_count: 1.0 / settings.counts(1.0), slide: None }
+    let half = settings.plant.travel_mm / 2.0;
+    Carriage { mm_per_count: 1.0 / settings.counts(1.0), bed_mm: Some((-half, half)), slide: None }
 }
 
 fn infeed(settings: &DepthSettings) -> Carriage {
-    Carriage { mm_per_count: 1.0 / settings.slots_per_mm(), slide: Some(Slide::new(settings)) }
+    let half = settings.plant.travel_mm / 2.0;
+    let slide = Some(Slide::new(settings));
+    Carriage { mm_per_count: 1.0 / settings.slots_per_mm(), bed_mm: Some((-half, half)), slide }
 }
 
 fn spindle(SpindleSettings { plant, drive, encoder, controller }: &SpindleSettings) -> Motor {

@@ -16,6 +16,8 @@ pub(super) const SERVO: Kind = Kind {
     rehearsal: |_, _| Ok(None),
     carriage: |settings, motor| {
         let settings = read(settings, ServoSettings::check)?;
-        Ok((motor == 0).then(|| Carriage { mm_per_count: 1.0 / settings.counts(1.0), slide: None }))
+        let mm_per_count = 1.0 / settings.counts(1.0);
+        let bed_mm = Some((0.0, settings.plant.travel_mm));
+        Ok((motor == 0).then_some(Carriage { mm_per_count, bed_mm, slide: None }))
     },
 };
