@@ -233,6 +233,9 @@ fn a_busy_port_is_told_and_left_to_whom_it_belongs() {
     let expected = format!("cannot open the serial port '{port}': Unable to acquire exclusive lock");
     assert!(code == Some(2) && error.contains(&expected), "{error}");
     drop(other);
+    // A process that another test is starting has a copy of the port until it runs its program.
+    let is_free = || !told(&servo(&["link", "--port", port])).2.contains(&expected);
+    wait_until("the port is free", is_free);
     let (code, _, error) = told(&servo(&["link", "--port", port]));
     assert!(code == Some(1) && error.contains("no answer from the controller"), "{error}");
 }
