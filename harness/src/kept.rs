@@ -2,7 +2,6 @@
 
 use std::fs::{self, File, OpenOptions, Permissions};
 use std::io::{self, Write};
-use std::os::unix::fs::{OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 use toml::{Table, Value};
@@ -11,13 +10,12 @@ use torno_protocol::board::Kept;
 use torno_protocol::time::Instant;
 use torno_text::nearest;
 
+use crate::platform::{owner_only, owners_permissions};
 use crate::rig::file::{Board, RigFile};
 use crate::text_file::{self, TextError};
 
 /// More lines than any board keeps.
 const LINES_MAX: usize = 500;
-/// A new file is for its owner.
-const MODE: u32 = 0o600;
 
 /// A file for what a board keeps.
 #[derive(Debug)]
@@ -26,8 +24,8 @@ pub struct KeptFile {
     /// The board's place in the rig file, and its name.
     board: usize,
     name: String,
-    /// Its permissions.
-    mode: u32,
+    /// Its permissions, where files have such.
+    permissions: Option<Permissions>,
 }
 
 /// Why such a file cannot be used.
@@ -75,21 +73,21 @@ impl KeptFile {
         let unreadable = |source| KeptError::Unreadable { path: path.clone(), source };
         // What a link leads to is replaced, and not the link.
         let path = fs::canonicalize(&path).unwrap_or_else(|_| path.clone());
-        let (mode, text) = match fs::metadata(&path) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => (MODE, None),
+        let (permissions, text) = match fs::metadata(&path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => (owners_permissions(), None),
             Err(error) => return Err(unreadable(error)),
             Ok(found) if !found.is_file() => {
                 return Err(unreadable(io::Error::other("expected a file that can be written anew")));
             }
             Ok(found) => match text_file::read(&path) {
-                Ok(text) => (found.permissions().mode(), Some(text)),
+                Ok(text) => (Some(found.permissions()), Some(text)),
                 Err(TextError::Unreadable(error)) => return Err(unreadable(error)),
                 Err(TextError::NotText { line }) => {
                     return Err(KeptError::Line { path, line, message: "expected text (UTF-8)".to_owned() });
                 }
             },
         };
-        let file = Self { path, board, name: rig.boards[board].name.clone(), mode };
+        let file = Self { path, board, name: rig.boards[board].name.clone(), permissions };
         // A file that cannot be written must not cost a session.
         fs::remove_file(file.create(&[])?).map_err(|source| file.unwritable(source))?;
         let rig = match text {
@@ -130,11 +128,11 @@ impl KeptFile {
         let text: String = lines.iter().map(|line| format!("{line}\n")).collect();
         let write = |mut file: File| {
             // What the process forbids new files must not be taken from one that stands.
-            file.set_permissions(Permissions::from_mode(self.mode))?;
+            self.permissions.clone().map_or(Ok(()), |permissions| file.set_permissions(permissions))?;
             file.write_all(text.as_bytes())?;
             file.sync_all()
         };
-        let file = OpenOptions::new().write(true).create(true).truncate(true).mode(MODE).open(&new);
+        let file = owner_only(OpenOptions::new().write(true).create(true).truncate(true)).open(&new);
         file.and_then(write).map_err(|source| self.unwritable(source))?;
         Ok(new)
     }
@@ -216,6 +214,8 @@ fn value(lines: &[&str]) -> Value {
 
 #[cfg(test)]
 mod tests {
+    use std::os::unix::fs::PermissionsExt;
+
     use tempfile::TempDir;
 
     use super::*;

@@ -19,6 +19,7 @@ pub mod pace;
 pub mod page;
 pub mod pins;
 pub mod planning;
+pub mod platform;
 pub mod play;
 pub mod port;
 mod ready;

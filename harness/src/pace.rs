@@ -5,13 +5,10 @@ use std::io;
 use std::str::FromStr;
 use std::time::{Duration, Instant as WallInstant};
 
-use rustix::fd::OwnedFd;
-use rustix::time::{Itimerspec, TimerfdClockId, TimerfdFlags, TimerfdTimerFlags, Timespec};
-use tokio::io::unix::AsyncFd;
 use torno_protocol::record::Silence;
 use torno_protocol::time::{Instant, Span};
 
-use crate::ready::readable;
+use crate::platform::Timer;
 use torno_engine::Limit;
 
 /// A host that is further behind than this, in wall time, does not try to catch up.
@@ -60,7 +57,7 @@ pub struct Brake {
     silence: Option<Silence>,
     /// Time stands still here.
     paused: Option<Instant>,
-    timer: AsyncFd<OwnedFd>,
+    timer: Timer,
 }
 
 impl Brake {
@@ -69,9 +66,7 @@ impl Brake {
     /// # Errors
     /// If the system refuses a timer.
     pub fn new(pace: Pace) -> io::Result<Self> {
-        let flags = TimerfdFlags::NONBLOCK | TimerfdFlags::CLOEXEC;
-        let timer = rustix::time::timerfd_create(TimerfdClockId::Monotonic, flags)?;
-        let mut brake = Self { pace, anchor: None, silence: None, paused: None, timer: readable(timer)? };
+        let mut brake = Self { pace, anchor: None, silence: None, paused: None, timer: Timer::new()? };
         brake.set_pace(pace, Instant::START);
         Ok(brake)
     }
@@ -172,17 +167,7 @@ impl Brake {
             return std::future::pending().await;
         };
         let wall = (instant.next().since(now).as_nanos() as f64 / self.times()) as u64;
-        let wall = Duration::from_nanos(wall.saturating_add(1));
-        let it_value = Timespec { tv_sec: wall.as_secs() as i64, tv_nsec: i64::from(wall.subsec_nanos()) };
-        let it_interval = Timespec { tv_sec: 0, tv_nsec: 0 };
-        rustix::time::timerfd_settime(&self.timer, TimerfdTimerFlags::empty(), &Itimerspec { it_interval, it_value })?;
-        loop {
-            let mut guard = self.timer.readable().await?;
-            let read = guard.try_io(|timer| Ok(rustix::io::read(timer.get_ref(), &mut [0u8; 8])?));
-            if let Ok(read) = read {
-                return read.map(drop);
-            }
-        }
+        self.timer.wait(Duration::from_nanos(wall.saturating_add(1))).await
     }
 
     /// The virtual time that goes by in so much wall time; none, if time is not held back or stands still.

@@ -2,13 +2,13 @@
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, Read, Seek};
-use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use torno_protocol::time::Instant;
 
 use crate::pace::Lapse;
+use crate::platform::{owner_only, remove_open_file};
 use torno_engine::{Fact, Input};
 use torno_trace::{End, Header, MAGIC, Writer};
 
@@ -103,10 +103,10 @@ impl Recorder {
             return Err(CreateError::Taken { path: path.to_owned() });
         }
         // Whoever reads the old one may go on, and file systems are slow to write what was emptied just before.
-        let replaced = path.canonicalize().and_then(|path| std::fs::remove_file(&path).and_then(|()| create(&path)));
+        let replaced = path.canonicalize().and_then(|path| remove_open_file(&path).and_then(|()| create(&path)));
         match replaced {
             Ok(new) => Ok(new),
-            // In a folder that is not ours.
+            // In a folder that is not ours, or on a system where an open file keeps its name.
             Err(_) => file.set_len(0).and_then(|()| file.rewind()).map(|()| file).map_err(refused),
         }
     }
@@ -168,7 +168,7 @@ impl Recorder {
 
 /// A new file, which no other recording may take.
 fn create(path: &Path) -> io::Result<File> {
-    let file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(path)?;
+    let file = owner_only(OpenOptions::new().write(true).create_new(true)).open(path)?;
     // Where a file system has no locks, there is none.
     file.try_lock().ok();
     Ok(file)

@@ -1,15 +1,14 @@
 //! Is the PC on any serial port: sends a program frame by frame, honours the hold, listens to the replies.
 
-use std::fs::OpenOptions;
-use std::io::{self, IsTerminal};
-use std::os::unix::fs::OpenOptionsExt;
+use std::io;
 use std::path::Path;
 use std::time::Duration;
 
-use rustix::fs::OFlags;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio_serial::{SerialPortBuilderExt, SerialStream};
 use torno_protocol::lathe::{Outcome, Program, Reply, ReplyDecoder, Tally};
+
+use crate::platform::is_no_terminal;
 
 /// What is to be sent, and where.
 #[derive(Clone, Debug)]
@@ -62,14 +61,6 @@ pub fn open_port(port: &str, baud: u32) -> Result<SerialStream, SendError> {
         Err(_) if is_no_terminal(Path::new(&port)) => Err(SendError::NoPort { port }),
         Err(source) => Err(SendError::Open { port, source }),
     }
-}
-
-/// It can be opened, and is no terminal.
-fn is_no_terminal(path: &Path) -> bool {
-    // Who opens a pipe would otherwise wait for its other end.
-    let waits_for_nothing = OFlags::NONBLOCK.bits() as i32;
-    let opened = OpenOptions::new().read(true).custom_flags(waits_for_nothing).open(path);
-    opened.is_ok_and(|file| !file.is_terminal())
 }
 
 impl Send {

@@ -24,21 +24,17 @@ mod up;
 mod ways;
 
 use std::fs::File;
-use std::future::poll_fn;
 use std::io::{self, BufReader};
-use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::task::Poll;
 use std::time::Instant;
 
 use anyhow::Context;
 use clap::{Parser, Subcommand};
-use rustix::process::Signal as Signals;
-use tokio::signal::unix::{Signal, SignalKind, signal};
 use torno::job::LineJob;
 use torno::observe::log;
 use torno::observe::stderr::{self, say};
+use torno::platform::{FileLimit, Interrupt, has_room_for_files};
 use torno::recorder::Recorder;
 use torno::rig::file::{DEFAULT, RigFile};
 use torno::text_file::TextError;
@@ -145,8 +141,7 @@ fn run(started: Instant) -> ExitCode {
         Err(error) => return complain(&error),
     };
     let result = runtime.block_on(async {
-        // Whoever writes beyond the limit of a file's size then gets an error, and not a signal that kills.
-        let _too_long = signal(SignalKind::from_raw(Signals::XFSZ.as_raw()))?;
+        let _limit = FileLimit::is_an_error()?;
         match command {
             Command::Run(arguments) => arguments.run(started).await,
             Command::Up(arguments) => arguments.run().await,
@@ -171,9 +166,8 @@ fn run(started: Instant) -> ExitCode {
 
 /// The runtime, if the limit of open files leaves room for it: it does not look itself.
 fn runtime() -> anyhow::Result<tokio::runtime::Runtime> {
-    let dup = |_| io::stderr().as_fd().try_clone_to_owned();
-    let room: Result<Vec<_>, io::Error> = (0..FILES).map(dup).collect();
-    room.with_context(|| format!("no room for {FILES} open files: expected a higher limit (ulimit -n)"))?;
+    has_room_for_files(FILES)
+        .with_context(|| format!("no room for {FILES} open files: expected a higher limit (ulimit -n)"))?;
     Ok(tokio::runtime::Builder::new_current_thread().enable_all().build()?)
 }
 
@@ -299,42 +293,6 @@ fn load_trace(path: &Path) -> anyhow::Result<(Trace, Option<Damage>)> {
         say(&format!("torno: '{}' {damage}, up to {}\n", path.display(), trace.settled));
     }
     Ok((trace, damage))
-}
-
-/// The signals by which a person or a service manager ends a command: all that end a program which knows none of them,
-/// and can be caught. One that is ignored from the start, as by `nohup`, stays so.
-struct Interrupt {
-    signals: Vec<Signal>,
-}
-
-impl Interrupt {
-    /// Listens from here on.
-    fn listen() -> io::Result<Self> {
-        let ignored = ignored_signals();
-        let asks = |kind: &Signals| *kind != Signals::HUP || ignored >> (kind.as_raw() - 1) & 1 == 0;
-        let signals = ENDING.iter().filter(|kind| asks(kind)).map(|kind| signal(SignalKind::from_raw(kind.as_raw())));
-        Ok(Self { signals: signals.collect::<io::Result<_>>()? })
-    }
-
-    /// Waits for one.
-    async fn received(&mut self) {
-        poll_fn(|context| {
-            let ready = self.signals.iter_mut().any(|signal| signal.poll_recv(context).is_ready());
-            if ready { Poll::Ready(()) } else { Poll::Pending }
-        })
-        .await;
-    }
-}
-
-/// What ends a command, in order.
-const ENDING: [Signals; 7] =
-    [Signals::INT, Signals::TERM, Signals::HUP, Signals::QUIT, Signals::USR1, Signals::USR2, Signals::ALARM];
-
-/// A bit for each signal that is ignored since before this program began.
-fn ignored_signals() -> u64 {
-    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
-    ignored.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or_default()
 }
 
 /// Does something in a thread of its own; None, if a signal came first. Then nobody waits for it: what it still does

@@ -4,11 +4,8 @@ use std::io::{self, Write};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
-use rustix::event::{PollFd, PollFlags};
-use rustix::fs::{FileType, Stat};
-use rustix::io::Errno;
-
 use crate::backlog::Backlog;
+use crate::platform::{Stderr, stderr_is_file};
 
 /// So many bytes wait for a reader. (Ours: some 10 000 lines.)
 const ROOM: usize = 1 << 20;
@@ -48,8 +45,7 @@ pub(super) fn for_log(note: fn(u64) -> String) -> Lines {
     let lines = || {
         let lines = Lines::to(Stderr, ROOM, note);
         // A file takes all at once, and whoever looks into it finds what has been said.
-        let is_file = |stat: Stat| FileType::from_raw_mode(stat.st_mode).is_file();
-        lines.state().at_once = rustix::fs::fstat(rustix::stdio::stderr()).is_ok_and(is_file);
+        lines.state().at_once = stderr_is_file();
         lines
     };
     STDERR.get_or_init(lines).clone()
@@ -134,29 +130,6 @@ impl Write for Lines {
     fn write(&mut self, line: &[u8]) -> io::Result<usize> {
         self.push(line);
         Ok(line.len())
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        Ok(())
-    }
-}
-
-/// The file itself, without the lock of the standard library's: who holds that while nobody reads holds up all others.
-struct Stderr;
-
-impl Write for Stderr {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let stderr = rustix::stdio::stderr();
-        loop {
-            match rustix::io::write(stderr, bytes) {
-                // Somebody else has made it so.
-                Err(Errno::AGAIN) => {
-                    rustix::event::poll(&mut [PollFd::new(&stderr, PollFlags::OUT)], None)?;
-                }
-                Err(Errno::INTR) => {}
-                written => return Ok(written?),
-            }
-        }
     }
 
     fn flush(&mut self) -> io::Result<()> {
