@@ -38,3 +38,4 @@ pub mod sweep;
 pub mod text_file;
 pub mod toolpath;
 pub mod tracking;
+pub mod transport;

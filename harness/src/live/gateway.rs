@@ -328,9 +328,10 @@ mod tests {
     use torno_engine::Limit;
 
     use super::*;
-    use crate::port::{LinkPath, Transport};
+    use crate::port::LinkPath;
     use crate::rig::Driver;
     use crate::rig::file::RigFile;
+    use crate::transport::Transport;
 
     #[tokio::test]
     async fn what_a_client_writes_stays_in_order_whatever_the_clocks_say() {

@@ -40,7 +40,6 @@ mod tcp;
 mod terminal;
 #[cfg(test)]
 mod tests;
-mod transport;
 
 pub use error::PortError;
 pub use event::{LineCoding, LineSettings, PortEvent};
@@ -48,4 +47,3 @@ pub use link::{LinkPath, default_folder, made_folder};
 pub use pc::PcPort;
 pub use tcp::TcpPort;
 pub use terminal::PtyPort;
-pub use transport::{Transport, TransportError};

@@ -12,8 +12,8 @@ use torno_protocol::time::Span;
 use torno_protocol::uart::{BITS_PER_CHARACTER, Receiver, ReceiverKind};
 
 use super::{before, place};
-use crate::port::Transport;
 use crate::text_file::TextError;
+use crate::transport::Transport;
 use torno_bus::{Dialect, Names, PcUart};
 use torno_engine::NodeId;
 use torno_machines::kinds::{self, KindError};
