@@ -1,7 +1,6 @@
 //! Records over a socket: the way between the harness and a board's process, for both ends.
 
 use std::io;
-use std::ops::{Add, Sub};
 use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
 use std::task::{Context, Poll, ready};
@@ -15,31 +14,7 @@ use tokio::io::unix::AsyncFd;
 use torno_protocol::record;
 
 use crate::ready::{readable, writable};
-
-/// Bytes over a socket.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Bytes {
-    /// To the other end.
-    pub to: u64,
-    /// From the other end.
-    pub from: u64,
-}
-
-impl Add for Bytes {
-    type Output = Self;
-
-    fn add(self, other: Self) -> Self {
-        Self { to: self.to + other.to, from: self.from + other.from }
-    }
-}
-
-impl Sub for Bytes {
-    type Output = Self;
-
-    fn sub(self, other: Self) -> Self {
-        Self { to: self.to - other.to, from: self.from - other.from }
-    }
-}
+use crate::traffic::Bytes;
 
 /// One end of the way. It never blocks: what the socket does not take at once is queued, and is sent while the end
 /// waits for the other's answer. As an end that has sent a grant, or the answer to one, waits for the other, no more

@@ -38,4 +38,5 @@ pub mod sweep;
 pub mod text_file;
 pub mod toolpath;
 pub mod tracking;
+mod traffic;
 pub mod transport;

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant as WallInstant};
 
-use crate::channel::Bytes;
+use crate::traffic::Bytes;
 use torno_engine::{NodeId, Statistics};
 
 /// What one node of a rig has cost.

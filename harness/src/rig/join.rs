@@ -1,7 +1,6 @@
 //! Boards by hand: places in a rig that are left open, each with a socket at which a board joins.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
 
 use tokio::net::UnixStream;
 use tokio::task::JoinSet;
@@ -11,7 +10,7 @@ use torno_text::nearest;
 use tracing::Instrument;
 
 use super::file::RigFile;
-use super::process::BoardProcess;
+use super::process::{BoardProcess, Joined};
 use crate::socket::{OwnSocket, Purpose, SocketError};
 
 /// So many that are not the board are refused at a place, before its rig is given up.
@@ -77,10 +76,6 @@ pub struct OpenPlace {
     socket: OwnSocket,
 }
 
-/// Boards that have joined and wait for their rig. Clones share them: a board takes part in one rig.
-#[derive(Clone, Debug, Default)]
-pub struct Joined(Arc<Mutex<Vec<(String, BoardProcess)>>>);
-
 impl OpenPlaces {
     /// Opens the socket of each place.
     ///
@@ -116,13 +111,12 @@ impl OpenPlaces {
     /// # Errors
     /// [`AwaitError::Refused`] if too many are refused.
     pub async fn wait(self) -> Result<Joined, AwaitError> {
-        let joined = Joined::default();
+        let mut joined = Vec::new();
         let mut waits: JoinSet<_> = self.0.into_iter().map(|place| place.wait().in_current_span()).collect();
         while let Some(waited) = waits.join_next().await {
-            let board = waited.map_err(std::io::Error::from)??;
-            joined.0.lock().unwrap_or_else(PoisonError::into_inner).push(board);
+            joined.push(waited.map_err(std::io::Error::from)??);
         }
-        Ok(joined)
+        Ok(joined.into())
     }
 }
 
@@ -155,7 +149,7 @@ impl OpenPlace {
                 Ok(process) => {
                     let board = self.setup.name;
                     match process.pid() {
-                        Some(pid) => tracing::info!("board '{board}' has joined (pid {})", pid.as_raw_nonzero()),
+                        Some(pid) => tracing::info!("board '{board}' has joined (pid {pid})"),
                         None => tracing::info!("board '{board}' has joined"),
                     }
                     return Ok((board, process));
@@ -175,18 +169,9 @@ impl OpenPlace {
     async fn greet(&self, stream: UnixStream) -> Result<BoardProcess, String> {
         let fails = |error: std::io::Error| format!("cannot be set up: {error}");
         let mut process = BoardProcess::joined(stream, self.setup.clone()).map_err(fails)?;
-        match process.introduce(&self.description).await {
+        match process.check(&self.description).await {
             Ok(()) => Ok(process),
             Err(unfit) => Err(unfit.to_string()),
         }
-    }
-}
-
-impl Joined {
-    /// The board of this name, if it has joined and no rig has it yet.
-    pub(super) fn take(&self, board: &str) -> Option<BoardProcess> {
-        let mut boards = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let place = boards.iter().position(|(name, _)| name == board)?;
-        Some(boards.swap_remove(place).1)
     }
 }

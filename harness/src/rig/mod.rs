@@ -3,6 +3,7 @@
 mod before;
 mod cost;
 pub mod file;
+mod incident;
 pub mod join;
 pub mod open;
 pub mod place;
@@ -17,9 +18,6 @@ use std::path::PathBuf;
 use std::task::{Context, Poll};
 use std::time::Duration;
 
-use rustix::process::Pid;
-use rustix::thread::CpuSet;
-use tokio::signal::unix::{Signal, SignalKind, signal};
 use torno_protocol::board::{Description, Kept, Stimulus, Wait};
 use torno_protocol::clock::Clock;
 use torno_protocol::layout::{Layout, LineLayout};
@@ -27,13 +25,13 @@ use torno_protocol::record::{FromBoard, Grant, Setup, VERSION};
 use torno_protocol::stepping::{BrokenPromise, Stepper};
 use torno_protocol::time::Instant;
 
-pub use crate::channel::Bytes;
+pub use crate::traffic::Bytes;
 pub use cost::Cost;
 use cost::Stopwatch;
 use file::RigFile;
-use join::Joined;
-pub use process::ProcessChange;
-use process::{BoardProcess, Unfit};
+pub use incident::{Incident, ProcessChange};
+pub use process::Joined;
+use process::{BoardProcess, Children};
 use torno_bus::{Conversation, PcUart};
 use torno_engine::{
     Disturbance, End, Engine, Fact, FaultId, Hit, Input, InputKind, LateOutput, Limit, LineId, NodeId, Watch, WatchId,
@@ -63,37 +61,17 @@ pub enum Driver {
 }
 
 impl Driver {
+    /// Whether this system can run boards in processes of their own.
+    pub const fn has_processes() -> bool {
+        process::SUPPORTED
+    }
+
     /// Whether it starts processes.
     const fn launches(&self) -> bool {
         match self {
             Self::Processes { .. } => true,
             Self::InProcess => false,
             Self::ByHand { others, .. } => others.launches(),
-        }
-    }
-}
-
-/// What has become of a board's process.
-#[derive(Clone, Debug)]
-pub struct Incident {
-    /// When, in virtual time.
-    pub at: Instant,
-    /// The board's name.
-    pub board: String,
-    /// Its process; 0 if it has joined from where its number is not visible.
-    pub pid: u32,
-    /// What happened to it.
-    pub what: ProcessChange,
-}
-
-impl std::fmt::Display for Incident {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "board '{}' (pid {}) ", self.board, self.pid)?;
-        match self.what {
-            ProcessChange::Stopped => f.write_str("was stopped: it hangs"),
-            ProcessChange::Continued => f.write_str("was continued"),
-            ProcessChange::Died(Some(status)) => write!(f, "died: {status}"),
-            ProcessChange::Died(None) => f.write_str("died: its socket has ended"),
         }
     }
 }
@@ -180,7 +158,7 @@ pub struct Node {
 impl Node {
     fn new(name: &str, description: Description, clock: Clock, seat: Seat) -> Self {
         let pid = match &seat {
-            Seat::Process(process) => Some(process.pid().map_or(0, |pid| pid.as_raw_nonzero().get() as u32)),
+            Seat::Process(process) => Some(process.pid().unwrap_or_default()),
             Seat::Local(_) | Seat::Empty => None,
         };
         Self { name: name.to_owned(), description, clock, pid, seat, bytes: (Bytes::default(), None) }
@@ -203,7 +181,7 @@ pub struct Rig {
     layout: Layout,
     pc: NodeId,
     /// Tells of the boards' processes, if there are any.
-    children: Option<Signal>,
+    children: Option<Children>,
     /// There has been news of the processes that is not noted yet.
     news: bool,
     incidents: Vec<Incident>,
@@ -223,7 +201,7 @@ impl Rig {
         P: Conversation + Send + 'static,
     {
         // Before the first process, so that no news of one is missed.
-        let children = if driver.launches() { Some(signal(SignalKind::child())?) } else { None };
+        let children = if driver.launches() { Some(Children::listen()?) } else { None };
         let mut rig = Self {
             engine: Engine::new(),
             nodes: Vec::new(),
@@ -264,19 +242,12 @@ impl Rig {
         self.engine.add_line(end(line.from), end(line.to));
     }
 
-    /// Waits until every process that was started has said that it is what it should be. One that has joined has.
+    /// Waits until every process has said that it is what it should be.
     async fn greet(&mut self) -> Result<(), RigError> {
         for Node { name, description, seat, .. } in &mut self.nodes {
-            let Seat::Process(process) = seat else { continue };
-            if !process.is_launched() {
-                continue;
+            if let Seat::Process(process) = seat {
+                process.introduce(name, description).await?;
             }
-            let board = name.clone();
-            process.introduce(description).await.map_err(|unfit| match unfit {
-                Unfit::Slow => RigError::Slow { board },
-                Unfit::Record(source) => RigError::Launch { board, source },
-                Unfit::Other(message) => RigError::Board { board, message },
-            })?;
         }
         Ok(())
     }
@@ -284,21 +255,10 @@ impl Rig {
     /// Keeps all processes that were started on the processor that this one runs on: they take turns, so a second one
     /// only adds the cost of waking it.
     pub fn share_one_processor(&self) {
-        let pids = self.nodes.iter().filter_map(|node| match &node.seat {
-            Seat::Process(process) if process.is_launched() => process.pid(),
-            Seat::Process(_) | Seat::Local(_) | Seat::Empty => None,
-        });
-        let pids: Vec<Pid> = pids.collect();
-        if pids.is_empty() {
-            return;
-        }
-        let mut cpus = CpuSet::new();
-        cpus.set(rustix::thread::sched_getcpu());
-        for pid in pids.into_iter().map(Some).chain([None]) {
-            if let Err(error) = rustix::thread::sched_setaffinity(pid, &cpus) {
-                tracing::debug!(%error, "cannot keep the boards on one processor");
-            }
-        }
+        process::share_one_processor(self.nodes.iter().filter_map(|node| match &node.seat {
+            Seat::Process(process) => Some(&**process),
+            Seat::Local(_) | Seat::Empty => None,
+        }));
     }
 
     /// Measures from here on what wall time is spent on.
@@ -531,7 +491,7 @@ impl Rig {
     }
 
     fn poll_news(&mut self, context: &mut Context<'_>) -> Poll<()> {
-        if self.children.as_mut().is_some_and(|children| children.poll_recv(context).is_ready()) {
+        if self.children.as_mut().is_some_and(|children| children.poll_news(context).is_ready()) {
             return Poll::Ready(());
         }
         for (id, node) in self.nodes.iter_mut().enumerate() {
@@ -579,7 +539,7 @@ impl Rig {
             self.lap();
             let happened = poll_fn(|context| {
                 let children = self.children.as_mut();
-                if core::mem::take(&mut self.news) || children.is_some_and(|c| c.poll_recv(context).is_ready()) {
+                if core::mem::take(&mut self.news) || children.is_some_and(|c| c.poll_news(context).is_ready()) {
                     return Poll::Ready(Happened::News);
                 }
                 for (id, node) in self.nodes.iter_mut().enumerate() {

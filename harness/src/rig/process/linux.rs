@@ -1,5 +1,3 @@
-//! A board in a process of its own, at the other end of a socket.
-
 use std::future::poll_fn;
 use std::io;
 use std::os::fd::OwnedFd;
@@ -9,17 +7,38 @@ use std::process::{ExitStatus, Stdio};
 use std::task::{Context, Poll, ready};
 
 use rustix::process::{Pid, WaitId, WaitIdOptions};
+use rustix::thread::CpuSet;
 use tokio::process::{Child, Command};
+use tokio::signal::unix::{Signal, SignalKind, signal};
 use torno_protocol::board::{Description, Kept};
 use torno_protocol::record::{FromBoard, Report, Setup, Timed, ToBoard, VERSION};
 use torno_protocol::time::Instant;
 
-use super::{Bytes, SLOW_BOARD};
 use crate::channel::{Channel, is_gone};
+use crate::rig::{Bytes, ProcessChange, RigError, SLOW_BOARD};
 
-/// A board's process.
+/// Boards can have processes of their own.
+pub(in crate::rig) const SUPPORTED: bool = true;
+
+/// News of the processes that the harness has started.
 #[derive(Debug)]
-pub(super) struct BoardProcess {
+pub(in crate::rig) struct Children(Signal);
+
+impl Children {
+    /// Listens from here on.
+    pub(in crate::rig) fn listen() -> io::Result<Self> {
+        signal(SignalKind::child()).map(Self)
+    }
+
+    /// Ready when something has become of one of them.
+    pub(in crate::rig) fn poll_news(&mut self, context: &mut Context<'_>) -> Poll<()> {
+        self.0.poll_recv(context).map(drop)
+    }
+}
+
+/// A board's process, at the other end of a socket.
+#[derive(Debug)]
+pub struct BoardProcess {
     origin: Origin,
     channel: Channel,
     /// The beginning of the report that is coming in.
@@ -42,7 +61,7 @@ enum Origin {
 
 /// Why a process is not the board that it should be.
 #[derive(Debug)]
-pub(super) enum Unfit {
+pub(in crate::rig) enum Unfit {
     /// It says nothing.
     Slow,
     /// It says what is no record.
@@ -61,20 +80,9 @@ impl std::fmt::Display for Unfit {
     }
 }
 
-/// What has become of a board's process.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ProcessChange {
-    /// It was stopped.
-    Stopped,
-    /// It was continued.
-    Continued,
-    /// It died; how, if the harness had started it.
-    Died(Option<ExitStatus>),
-}
-
 impl BoardProcess {
     /// Starts `exe board KIND` with a socket for its standard input, and sets it up.
-    pub(super) fn launch(exe: &Path, setup: Setup) -> io::Result<Self> {
+    pub(in crate::rig) fn launch(exe: &Path, setup: Setup) -> io::Result<Self> {
         let (ours, theirs) = UnixStream::pair()?;
         let child = Command::new(exe)
             .args(["board", &setup.kind])
@@ -89,7 +97,7 @@ impl BoardProcess {
     }
 
     /// Sets up one that has joined.
-    pub(super) fn joined(stream: tokio::net::UnixStream, setup: Setup) -> io::Result<Self> {
+    pub(in crate::rig) fn joined(stream: tokio::net::UnixStream, setup: Setup) -> io::Result<Self> {
         let pid = stream.peer_cred()?.pid().and_then(Pid::from_raw);
         Self::set_up(Origin::Joined { pid, gone: false }, stream.into_std()?, setup)
     }
@@ -100,20 +108,30 @@ impl BoardProcess {
         Ok(process)
     }
 
-    pub(super) const fn pid(&self) -> Option<Pid> {
-        match &self.origin {
+    /// Its number; None, if it is not visible here.
+    pub(in crate::rig) fn pid(&self) -> Option<u32> {
+        let pid = match &self.origin {
             Origin::Launched { pid, .. } => Some(*pid),
             Origin::Joined { pid, .. } => *pid,
-        }
+        };
+        pid.map(|pid| pid.as_raw_nonzero().get() as u32)
     }
 
-    /// Whether the harness has started it.
-    pub(super) const fn is_launched(&self) -> bool {
-        matches!(self.origin, Origin::Launched { .. })
+    /// Waits until one that was started has said that it is what it should be. One that has joined has.
+    pub(in crate::rig) async fn introduce(&mut self, name: &str, expected: &Description) -> Result<(), RigError> {
+        if matches!(self.origin, Origin::Joined { .. }) {
+            return Ok(());
+        }
+        let board = name.to_owned();
+        self.check(expected).await.map_err(|unfit| match unfit {
+            Unfit::Slow => RigError::Slow { board },
+            Unfit::Record(source) => RigError::Launch { board, source },
+            Unfit::Other(message) => RigError::Board { board, message },
+        })
     }
 
     /// Waits until it has said that it is what it should be.
-    pub(super) async fn introduce(&mut self, expected: &Description) -> Result<(), Unfit> {
+    pub(in crate::rig) async fn check(&mut self, expected: &Description) -> Result<(), Unfit> {
         let other = |message: &str| Err(Unfit::Other(message.to_owned()));
         let answer = tokio::time::timeout(SLOW_BOARD, poll_fn(|context| self.poll_receive(context)));
         match answer.await.map_err(|_| Unfit::Slow)?.map_err(Unfit::Record)? {
@@ -131,7 +149,7 @@ impl BoardProcess {
     }
 
     /// What the board keeps without power; None, if it is gone, or does not answer.
-    pub(super) async fn kept(&mut self, until: Instant) -> io::Result<Option<Kept>> {
+    pub(in crate::rig) async fn kept(&mut self, until: Instant) -> io::Result<Option<Kept>> {
         self.send(&ToBoard::Keep(until))?;
         let answer = tokio::time::timeout(SLOW_BOARD, poll_fn(|context| self.poll_receive(context)));
         match answer.await {
@@ -143,12 +161,12 @@ impl BoardProcess {
     }
 
     /// What has gone to the process and come from it.
-    pub(super) fn bytes(&self) -> Bytes {
+    pub(in crate::rig) fn bytes(&self) -> Bytes {
         self.channel.bytes()
     }
 
     /// If the process has died, its socket's end will say so.
-    pub(super) fn send(&mut self, record: &ToBoard) -> io::Result<()> {
+    pub(in crate::rig) fn send(&mut self, record: &ToBoard) -> io::Result<()> {
         match self.channel.send(record) {
             Err(error) if is_gone(&error) => Ok(()),
             sent => sent,
@@ -156,7 +174,7 @@ impl BoardProcess {
     }
 
     /// The board's next record; `None` if the board is gone.
-    pub(super) fn poll_receive(&mut self, context: &mut Context<'_>) -> Poll<io::Result<Option<FromBoard>>> {
+    pub(in crate::rig) fn poll_receive(&mut self, context: &mut Context<'_>) -> Poll<io::Result<Option<FromBoard>>> {
         loop {
             return Poll::Ready(Ok(match ready!(self.channel.poll_receive(context))? {
                 Some(FromBoard::Told(told)) => {
@@ -173,7 +191,7 @@ impl BoardProcess {
     }
 
     /// What has become of the process since the last call.
-    pub(super) fn change(&mut self) -> io::Result<Option<ProcessChange>> {
+    pub(in crate::rig) fn change(&mut self) -> io::Result<Option<ProcessChange>> {
         let (child, pid) = match &mut self.origin {
             Origin::Launched { child, pid } => (child, *pid),
             Origin::Joined { gone, .. } => return Ok(core::mem::take(gone).then_some(ProcessChange::Died(None))),
@@ -194,7 +212,7 @@ impl BoardProcess {
 
     /// Waits until the socket of one that has joined ends while nothing is expected of it; the next
     /// [change](Self::change) says so.
-    pub(super) fn poll_gone(&mut self, context: &mut Context<'_>) -> Poll<()> {
+    pub(in crate::rig) fn poll_gone(&mut self, context: &mut Context<'_>) -> Poll<()> {
         let Origin::Joined { gone, .. } = &mut self.origin else { return Poll::Pending };
         ready!(self.channel.poll_ended(context));
         *gone = true;
@@ -202,9 +220,28 @@ impl BoardProcess {
     }
 
     /// Waits for the death of a process whose socket has ended; says how it died, if that can be known.
-    pub(super) async fn died(&mut self) -> io::Result<Option<ExitStatus>> {
+    pub(in crate::rig) async fn died(&mut self) -> io::Result<Option<ExitStatus>> {
         let Origin::Launched { child, .. } = &mut self.origin else { return Ok(None) };
         child.start_kill().ok();
         child.wait().await.map(Some)
+    }
+}
+
+/// See [`Rig::share_one_processor`](crate::rig::Rig::share_one_processor).
+pub(in crate::rig) fn share_one_processor<'a>(processes: impl Iterator<Item = &'a BoardProcess>) {
+    let launched = processes.filter_map(|process| match process.origin {
+        Origin::Launched { pid, .. } => Some(pid),
+        Origin::Joined { .. } => None,
+    });
+    let pids: Vec<Pid> = launched.collect();
+    if pids.is_empty() {
+        return;
+    }
+    let mut cpus = CpuSet::new();
+    cpus.set(rustix::thread::sched_getcpu());
+    for pid in pids.into_iter().map(Some).chain([None]) {
+        if let Err(error) = rustix::thread::sched_setaffinity(pid, &cpus) {
+            tracing::debug!(%error, "cannot keep the boards on one processor");
+        }
     }
 }
