@@ -19,10 +19,7 @@ impl Token {
     /// If the system has none.
     pub(crate) fn new() -> io::Result<Self> {
         let mut bytes = [0u8; BYTES];
-        let mut filled = 0;
-        while filled < BYTES {
-            filled += rustix::rand::getrandom(&mut bytes[filled..], rustix::rand::GetRandomFlags::empty())?;
-        }
+        getrandom::fill(&mut bytes)?;
         Ok(Self(bytes.iter().map(|byte| format!("{byte:02x}")).collect()))
     }
 
