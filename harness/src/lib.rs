@@ -6,32 +6,40 @@
 //! recording. [`identify`] characterises the motors of a rig, and tunes their controllers.
 
 mod backlog;
+#[cfg(target_os = "linux")]
 mod channel;
 pub mod condition;
+#[cfg(target_os = "linux")]
 pub mod control;
 pub mod fault;
 pub mod identify;
 pub mod job;
 pub mod kept;
+#[cfg(target_os = "linux")]
 pub mod live;
 pub mod observe;
 pub mod pace;
+#[cfg(target_os = "linux")]
 pub mod page;
 pub mod pins;
 pub mod planning;
 pub mod platform;
 pub mod play;
+#[cfg(target_os = "linux")]
 pub mod port;
+#[cfg(target_os = "linux")]
 mod ready;
 pub mod recorder;
 pub mod replay;
 pub mod report;
 pub mod rig;
 pub mod scenario;
+#[cfg(target_os = "linux")]
 pub mod seat;
 pub mod send;
 pub mod servo;
 pub mod session;
+#[cfg(target_os = "linux")]
 pub mod socket;
 pub mod speed;
 pub mod sweep;

@@ -194,7 +194,7 @@ impl Command {
 }
 
 impl Arguments {
-    pub(super) fn run(self) -> anyhow::Result<ExitCode> {
+    pub(super) async fn run(self) -> anyhow::Result<ExitCode> {
         let request = self.command.request(self.json)?;
         let path = self.socket.unwrap_or_else(|| default_folder().join(format!("{}-control", self.rig)));
         let socket = UnixStream::connect(&path)

@@ -1,17 +1,21 @@
 //! The command line.
 
+#[cfg(target_os = "linux")]
 mod board;
 mod compare;
+#[cfg(target_os = "linux")]
 mod ctl;
 mod diff;
+#[cfg(not(target_os = "linux"))]
+mod elsewhere;
 mod engraver;
 mod exit;
 mod gcode;
 mod identify;
+#[cfg(target_os = "linux")]
 mod join;
 mod options;
 mod output;
-mod page;
 mod replay;
 mod run;
 mod send;
@@ -20,8 +24,8 @@ mod sweep;
 mod test;
 mod trace;
 mod tune;
+#[cfg(target_os = "linux")]
 mod up;
-mod ways;
 
 use std::fs::File;
 use std::io::{self, BufReader};
@@ -42,6 +46,8 @@ use torno_part::{Place, Profile};
 use torno_protocol::lathe::Program;
 use torno_trace::{Damage, Header, Trace};
 
+#[cfg(not(target_os = "linux"))]
+use elsewhere::{board, ctl, join, up};
 use exit::{FAILED, INTERRUPTED, USAGE};
 use gcode::plan::is_gcode;
 use join::wait_for_boards;
@@ -145,7 +151,7 @@ fn run(started: Instant) -> ExitCode {
         match command {
             Command::Run(arguments) => arguments.run(started).await,
             Command::Up(arguments) => arguments.run().await,
-            Command::Ctl(arguments) => arguments.run(),
+            Command::Ctl(arguments) => arguments.run().await,
             Command::Send(arguments) => arguments.run(started).await,
             Command::Test(arguments) => arguments.run().await,
             Command::Sweep(arguments) => arguments.run().await,

@@ -29,9 +29,10 @@ impl Placement {
         self.in_process || self.processes
     }
 
-    /// In processes, unless something else was asked for.
+    /// In processes, where there can be such, unless something else was asked for.
     pub(super) fn or_processes(self) -> anyhow::Result<Driver> {
-        if self.in_process { Ok(Driver::InProcess) } else { processes() }
+        let in_process = self.in_process || !(self.processes || Driver::has_processes());
+        if in_process { Ok(Driver::InProcess) } else { processes() }
     }
 
     /// In this process, unless something else was asked for.
@@ -41,6 +42,7 @@ impl Placement {
 }
 
 fn processes() -> anyhow::Result<Driver> {
+    anyhow::ensure!(Driver::has_processes(), "--processes: boards run in processes of their own on Linux only");
     Ok(Driver::Processes { exe: std::env::current_exe().context("cannot find this program, to start the boards")? })
 }
 

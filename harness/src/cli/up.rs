@@ -1,5 +1,8 @@
 //! `torno up`
 
+mod page;
+mod ways;
+
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -24,8 +27,8 @@ use tracing::Instrument;
 use super::options::{Eeprom, Placement, drawing, keepers, write_kept};
 use super::output::OutputFile;
 use super::trace::write_waveforms;
-use super::ways::{Open, Ports, Ways, attach, paths};
-use super::{FAILED, INTERRUPTED, Interrupt, load_rig, page, print_beside, rig_span, start_recording, wait_for_boards};
+use super::{FAILED, INTERRUPTED, Interrupt, load_rig, print_beside, rig_span, start_recording, wait_for_boards};
+use ways::{Open, Ports, Ways, attach, paths};
 
 /// What stands for the name of a program in a drawing of what programs outside have made.
 const SESSION: &str = "a live session";

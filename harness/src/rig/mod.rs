@@ -4,6 +4,7 @@ mod before;
 mod cost;
 pub mod file;
 mod incident;
+#[cfg(target_os = "linux")]
 pub mod join;
 pub mod open;
 pub mod place;
