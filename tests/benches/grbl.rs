@@ -2,14 +2,19 @@
 
 use std::collections::VecDeque;
 use std::fmt::Write as _;
+use std::io::{Read, Write as _};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use super::common::{Pc, Up};
-use super::{bare, busy, busy_for, late, ms, own_memory, processes, row};
+use super::{bare, busy, busy_for, by_each_transport, lateness, ms, own_memory, processes, row};
 
-/// A character at 115 200 baud.
-const CHARACTER_MS: f64 = 10.0 / 115.2;
+/// The controller's speed.
+const BAUD: u32 = 115_200;
+/// A character at it.
+const CHARACTER_MS: f64 = 10e3 / BAUD as f64;
+/// By then a controller that a client has reset has booted.
+const BOOTED: Duration = Duration::from_secs(1);
 /// What the receive buffer holds for a sender that counts characters.
 const BUFFER: usize = 127;
 /// A client that shows the state asks so often.
@@ -17,39 +22,57 @@ const POLL: Duration = Duration::from_millis(200);
 
 /// A client that has waited for the banner.
 fn client(up: &Up) -> Pc {
-    let mut pc = Pc::open(&up.link(), 115_200);
-    while !line(&mut pc).starts_with("Grbl") {}
+    let mut pc = Pc::open(&up.link(), BAUD);
+    while !line(&mut pc.port).starts_with("Grbl") {}
     pc
 }
 
-fn line(pc: &mut Pc) -> String {
+fn line(port: &mut impl Read) -> String {
     let mut line = String::new();
     while !line.ends_with('\n') {
-        line.push(char::from(pc.read(1)[0]));
+        let mut byte = [0];
+        port.read_exact(&mut byte).unwrap();
+        line.push(char::from(byte[0]));
     }
     line
+}
+
+/// How late a status comes by each transport, in turn; and, as often and in between, a bare timer and a pty.
+fn status(asked: usize) {
+    let ups = by_each_transport(&["lathe-grbl"]);
+    let mut pcs = ups.each_ref().map(|up| super::client(up, BAUD));
+    thread::sleep(BOOTED);
+    for pc in &mut pcs {
+        // By RFC 2217 the connection is no reset, and there is no banner to wait for.
+        pc.write_all(b"G4P0\n").unwrap();
+        while line(pc) != "ok\r\n" {}
+    }
+    let (mut later, mut alone) = ([const { Vec::new() }; 3], Vec::new());
+    for _ in 0..asked {
+        let mut wire = 0.0;
+        for (pc, later) in pcs.iter_mut().zip(&mut later) {
+            let start = Instant::now();
+            pc.write_all(b"?").unwrap();
+            let status = line(pc);
+            wire = (1 + status.len()) as f64 * CHARACTER_MS;
+            later.push(ms(start.elapsed()) - wire);
+        }
+        alone.push(bare(wire));
+    }
+    lateness("grbl, status later than the wire, p99", later, alone, "statuses");
 }
 
 /// One line after the other, each when the one before is answered.
 fn ask(pc: &mut Pc, text: &str) {
     pc.write(text.as_bytes());
-    assert_eq!(line(pc), "ok\r\n", "{text}");
+    assert_eq!(line(&mut pc.port), "ok\r\n", "{text}");
 }
 
 /// Everything. So many `?` are timed, so many lines answered, and a client that polls is watched for so long.
 pub(super) fn measure(asked: usize, rest: Duration, lines: usize) {
+    status(asked);
     let up = Up::start(&["lathe-grbl"]);
     let mut pc = client(&up);
-    let (mut later, mut alone) = (Vec::new(), Vec::new());
-    for _ in 0..asked {
-        let start = Instant::now();
-        pc.write(b"?");
-        let status = line(&mut pc);
-        later.push(ms(start.elapsed()) - (1 + status.len()) as f64 * CHARACTER_MS);
-        alone.push(bare(status.len() as f64 * CHARACTER_MS));
-    }
-    row("grbl, status later than the wire, p99", "3 ms", &late(later, "statuses"));
-    row("a timer and a pty alone, p99", "", &late(alone, "statuses"));
     let of_all = processes(&up).len();
     row("grbl, resident", "45 MB", &format!("{:.1} MB with shared pages once, {of_all} processes", own_memory(&up)));
     let polled = {
@@ -57,7 +80,7 @@ pub(super) fn measure(asked: usize, rest: Duration, lines: usize) {
         let poll = thread::spawn(move || {
             while Instant::now() < stop {
                 pc.write(b"?");
-                line(&mut pc);
+                line(&mut pc.port);
                 thread::sleep(POLL);
             }
         });
@@ -114,7 +137,7 @@ fn send(pc: &mut Pc, chunk: &mut String) {
 }
 
 fn answered(pc: &mut Pc, in_flight: &mut VecDeque<usize>, counted: &mut usize) {
-    assert_eq!(line(pc), "ok\r\n");
+    assert_eq!(line(&mut pc.port), "ok\r\n");
     *counted -= in_flight.pop_front().unwrap();
 }
 

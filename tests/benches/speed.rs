@@ -22,7 +22,7 @@ use std::path::Path;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use common::{ACK, AT_REST, LONG, Up, XON, folder, json, rig_of, torno};
+use common::{ACK, AT_REST, LONG, Pc, Up, XON, folder, json, rig_of, torno};
 use serde_json::Value;
 use serialport::{FlowControl, SerialPort, TTYPort};
 
@@ -287,16 +287,8 @@ fn memory(up: &Up) {
 /// How late an `ACK` comes by a pty, by TCP and by RFC 2217, in turn; and, as often and in between, how late a bare
 /// timer and a byte through a pty are. No rig can do better than that: on a busy machine both wait for a processor.
 fn latency(frames: usize) {
-    let ups = [None, Some("tcp"), Some("rfc2217")].map(|scheme| match scheme {
-        None => Up::start(&[]),
-        Some(scheme) => {
-            let folder = folder();
-            let mut command = torno(&["up", "--json", "--transport", &format!("{scheme}://127.0.0.1:0"), "--control"]);
-            command.arg(folder.path().join("control"));
-            Up::launch(command, folder)
-        }
-    });
-    let mut pcs = ups.each_ref().map(client);
+    let ups = by_each_transport(&[]);
+    let mut pcs = ups.each_ref().map(|up| client(up, 9600));
     let (mut later, mut alone) = ([const { Vec::new() }; 3], Vec::new());
     for _ in 0..frames {
         for (pc, later) in pcs.iter_mut().zip(&mut later) {
@@ -311,11 +303,28 @@ fn latency(frames: usize) {
         }
         alone.push(bare(WIRE_MS));
     }
-    let [pty, tcp, rfc2217] = later;
-    row("up, ACK later than the wire, p99", "3 ms", &late(pty, "frames"));
-    row("the same by TCP", "1 ms more", &late(tcp, "frames"));
-    row("the same by RFC 2217", "1 ms more", &late(rfc2217, "frames"));
-    row("a timer and a pty alone, p99", "", &late(alone, "frames"));
+    lateness("up, ACK later than the wire, p99", later, alone, "frames");
+}
+
+/// Rigs that are reached by a pty, by TCP and by RFC 2217.
+fn by_each_transport(arguments: &[&str]) -> [Up; 3] {
+    [None, Some("tcp"), Some("rfc2217")].map(|scheme| match scheme {
+        None => Up::start(arguments),
+        Some(scheme) => {
+            let folder = folder();
+            let mut command = torno(&["up", "--json", "--transport", &format!("{scheme}://127.0.0.1:0"), "--control"]);
+            command.arg(folder.path().join("control")).args(arguments);
+            Up::launch(command, folder)
+        }
+    })
+}
+
+/// How late it was by each transport, and without a rig.
+fn lateness(figure: &str, [pty, tcp, rfc2217]: [Vec<f64>; 3], alone: Vec<f64>, what: &str) {
+    row(figure, "3 ms", &late(pty, what));
+    row("the same by TCP", "1 ms more", &late(tcp, what));
+    row("the same by RFC 2217", "1 ms more", &late(rfc2217, what));
+    row("a timer and a pty alone, p99", "", &late(alone, what));
 }
 
 /// How late a timer of so many milliseconds and then a byte through a pty are, in milliseconds.
@@ -340,9 +349,9 @@ trait Duplex: Read + Write {}
 impl<T: Read + Write> Duplex for T {}
 
 /// A client that blocks.
-fn client(up: &Up) -> Box<dyn Duplex> {
+fn client(up: &Up, baud: u32) -> Box<dyn Duplex> {
     let port = up.ready["ports"]["pc"]["port"].as_str().unwrap();
-    let Some((scheme, address)) = port.split_once("://") else { return Box::new(up.pc().port) };
+    let Some((scheme, address)) = port.split_once("://") else { return Box::new(Pc::open(&up.link(), baud).port) };
     let mut stream = TcpStream::connect(address).unwrap();
     stream.set_nodelay(true).unwrap();
     if scheme == "rfc2217" {
