@@ -1,6 +1,7 @@
 //! An axis: the machine, and the loop that watches it.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 use torno_protocol::board::Deadline;
 use torno_protocol::time::Instant;
@@ -10,12 +11,10 @@ use crate::closed_loop::{Cause, ClosedLoop, Verdict};
 use crate::encoder::Channels;
 use crate::fault::Fault;
 use crate::machine::{Machine, Stretch};
+use crate::prediction::{Prediction, Predictions};
 use crate::settings::{AxisSettings, Law, Mode};
 use crate::timer::Counter;
 use crate::watch::{Checks, Reckoning, Watch, index_mark};
-
-/// So many substeps of a rotor that swings are looked ahead: a second.
-const AHEAD: u32 = 10_000;
 
 /// Something that the loop does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -127,8 +126,9 @@ pub struct Axis {
     mark: Option<Instant>,
     /// The rotor may swing on from then on, and is looked at again.
     again: Option<Instant>,
-    /// The machine as it will be when its trains are over, if nothing happens before that.
-    ahead: Option<Machine>,
+    /// What the machine will do if nothing more happens, and what it would have done.
+    ahead: Option<Arc<Prediction>>,
+    predictions: Predictions,
     /// The next index mark is told.
     seeks: bool,
     /// What the count is beyond whole turns where the index mark is, once one has been sought.
@@ -160,6 +160,7 @@ impl Axis {
             mark: None,
             again: None,
             ahead: None,
+            predictions: Predictions::default(),
             seeks: false,
             index: None,
             events: VecDeque::new(),
@@ -397,9 +398,15 @@ impl Axis {
         Stats { worst_pm, worst_paused_pm, substeps: plant.substeps(), ..axis.stats }
     }
 
+    /// The last state of the machine that is known, up to `now`.
+    fn known(&self, now: Instant) -> &Machine {
+        let state = self.ahead.as_ref().and_then(|ahead| ahead.state(self.machine.at, now));
+        state.unwrap_or(&self.machine)
+    }
+
     /// The machine at `now`.
     fn at(&self, now: Instant) -> Machine {
-        let mut machine = self.machine.clone();
+        let mut machine = self.known(now).clone();
         machine.advance(now);
         machine
     }
@@ -408,8 +415,8 @@ impl Axis {
     fn pass(&mut self, now: Instant) {
         let done = |axis: &Self| axis.control.checks_until(axis.machine.program_now().1, axis.machine.at.as_nanos());
         let before = done(self);
-        if let Some(ahead) = self.ahead.take_if(|ahead| ahead.at <= now) {
-            self.machine = ahead;
+        if let Some(state) = self.ahead.take().as_ref().and_then(|ahead| ahead.state(self.machine.at, now)) {
+            self.machine = state.clone();
         }
         self.machine.advance(now.max(self.machine.at));
         if matches!(self.phase, Phase::Watching) {
@@ -424,36 +431,32 @@ impl Axis {
 
     /// Looks ahead for the check that finds an error, and for the index mark.
     fn look(&mut self) {
-        (self.again, self.ahead, self.mark) = (None, None, None);
-        self.found = self.next_found();
+        (self.again, self.mark, self.found) = (None, None, None);
+        let watch = self.watch();
+        // A check that is due at this very instant comes after whatever has just happened.
+        if matches!(self.phase, Phase::Watching) && self.is_checked_now() && self.control.finds(self.err()) {
+            self.found = Some(self.machine.at);
+        } else if self.machine.plant.can_swing() {
+            let ahead = self.predictions.of(&self.machine, watch);
+            let looks_on = watch.is_some_and(|watch| matches!(watch.checks, Checks::Nanos(_)));
+            (self.found, self.again) = (ahead.found, ahead.again.filter(|_| looks_on));
+            self.ahead = Some(ahead);
+        } else {
+            self.found = watch.and_then(|watch| self.first(|machine, stretch| watch.first(machine, stretch)));
+        }
         if self.seeks || self.index.is_some_and(|known| self.miscounted().is_some_and(|counts| counts != known)) {
-            self.mark = self.first(true, index_mark);
+            if self.machine.plant.can_swing() {
+                let ahead = Prediction::new(&self.machine, index_mark);
+                (self.mark, self.again) = (ahead.found, self.again.into_iter().chain(ahead.again).min());
+            } else {
+                self.mark = self.first(index_mark);
+            }
         }
     }
 
-    /// The first instant from now on that `watch` finds, in a train or at rest too, if nothing more happens.
-    ///
-    /// A rotor that swings is looked at until its trains are over, and without one for [`AHEAD`] substeps; then again.
-    fn first(
-        &mut self,
-        at_rest: bool,
-        mut watch: impl FnMut(&Machine, &Stretch<'_>) -> Option<Instant>,
-    ) -> Option<Instant> {
-        let mut machine = self.machine.clone();
-        let end = machine.end().filter(|_| machine.plant.can_swing());
-        let (mut substeps, mut again) = (0, None);
-        let found = machine.walk(end.unwrap_or(Instant::NEVER), |machine, stretch| {
-            let found = watch(machine, stretch);
-            substeps += u32::from(stretch.path.is_some());
-            again = (found.is_none() && substeps > AHEAD).then(|| stretch.times().1);
-            found.or(again)
-        });
-        if found.is_none() && end.is_some() {
-            self.ahead = Some(machine);
-            again = end.filter(|_| at_rest);
-        }
-        self.again = self.again.into_iter().chain(again).min();
-        found.filter(|_| again.is_none())
+    /// The first instant that `watch` finds, if nothing more happens: with a rotor in closed form.
+    fn first(&self, watch: impl FnMut(&Machine, &Stretch<'_>) -> Option<Instant>) -> Option<Instant> {
+        self.machine.clone().walk(Instant::NEVER, watch)
     }
 
     fn miscounted(&self) -> Option<i64> {
@@ -476,8 +479,8 @@ impl Axis {
         }
     }
 
-    /// When a check finds an error.
-    fn next_found(&mut self) -> Option<Instant> {
+    /// The checks of this phase, and what they look for.
+    fn watch(&self) -> Option<Watch> {
         let (checks, least) = match self.phase {
             Phase::Watching => (self.control.checks()?, self.control.least),
             Phase::Adding { stop, .. } if self.control.mode != Mode::Open => {
@@ -485,14 +488,9 @@ impl Axis {
             }
             _ => return None,
         };
-        // A check that is due at this very instant comes after whatever has just happened.
-        if matches!(self.phase, Phase::Watching) && self.is_checked_now() && self.control.finds(self.err()) {
-            return Some(self.machine.at);
-        }
         let counted = self.machine.counted();
         let skew = self.counter.total(counted).wrapping_sub(counted);
-        let watch = Watch { checks, reckoning: self.reckoning, skew, least };
-        self.first(matches!(checks, Checks::Nanos(_)), |machine, stretch| watch.first(machine, stretch))
+        Some(Watch { checks, reckoning: self.reckoning, skew, least })
     }
 
     const fn enter(&mut self, phase: Phase) {

@@ -14,7 +14,7 @@ use crate::settings::DriveSettings;
 const MOST: u64 = 1 << 30;
 
 /// A train under way, or to come.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Run {
     ticks: Ticks,
     count: u64,
@@ -127,7 +127,7 @@ impl Run {
 }
 
 /// What the drive makes of pulses.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Drive {
     max_hz: f64,
     min_pulse_ns: f64,

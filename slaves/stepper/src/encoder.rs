@@ -21,7 +21,7 @@ pub struct Channels {
 }
 
 /// An encoder in quadrature, of which all four edges of a line count.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Encoder {
     /// A count in units.
     count: i64,

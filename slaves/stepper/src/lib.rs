@@ -29,6 +29,7 @@ mod fault;
 mod machine;
 mod mechanics;
 mod plant;
+mod prediction;
 mod rotor;
 mod scale;
 mod search;

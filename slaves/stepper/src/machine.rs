@@ -13,7 +13,7 @@ use crate::scale::Scale;
 use crate::settings::{AxisSettings, Sensor};
 use crate::swing::Path;
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Machine {
     pub(crate) at: Instant,
     pub(crate) scale: Scale,

@@ -1,7 +1,7 @@
 //! What the rotor moves: a screw (or a pinion on a rack), its backlash, the carriage, and what stops it.
 
 /// Screw and carriage. Lengths are in units; the rotor's angle is one of them.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Mechanics {
     pub(crate) rotor: i64,
     pub(crate) carriage: i64,

@@ -13,7 +13,7 @@ use crate::settings::AxisSettings;
 use crate::swing::{Forces, Path, SUBSTEP_NS, Step, Swing};
 
 /// A motor with what it moves. Lengths are in units.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Plant {
     pub(crate) mechanics: Mechanics,
     field: i64,
@@ -258,6 +258,11 @@ impl Plant {
 
     pub(crate) const fn can_swing(&self) -> bool {
         self.swing.is_some()
+    }
+
+    /// It does so, or is about to.
+    pub(crate) fn swings(&self) -> bool {
+        self.step.is_some() || self.swing.is_some_and(|swing| swing.speed.is_some_and(|speed| speed != 0.0))
     }
 
     /// Where the substep under way ends.

@@ -42,7 +42,7 @@ pub(crate) enum Next {
 }
 
 /// What the rotor is loaded with, in shares of the holding torque.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Load {
     pub(crate) friction: f64,
     /// Against the positive sense.

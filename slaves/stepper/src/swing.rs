@@ -52,7 +52,7 @@ pub(crate) const SUBSTEP_NS: i64 = 100_000;
 const LOCK: f64 = TAU * 5e-5;
 
 /// A rotor that can swing.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Swing {
     /// ω, and 2ζω.
     omega: f64,
@@ -88,7 +88,7 @@ pub(crate) struct Motion {
 
 /// A substep in which the rotor turns evenly, from one place to another: in units of the train, or in nanoseconds
 /// without one.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Path {
     pub(crate) from: i64,
     pub(crate) to: i64,
@@ -99,7 +99,7 @@ pub(crate) struct Path {
 }
 
 /// A substep under way.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Step {
     pub(crate) path: Path,
     /// How far it has come.

@@ -8,7 +8,7 @@ use crate::machine::{Machine, Stretch};
 use crate::search::Staircase;
 
 /// When there are checks.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Checks {
     /// Whenever the program's pulses are a multiple of this.
     Pulses(i64),
@@ -20,7 +20,7 @@ pub(crate) enum Checks {
 
 /// What the firmware reckons an error from, in pm: pulses of the program and its total of counts, from where both are
 /// 0.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Reckoning {
     pub(crate) pulse_pm: i64,
     pub(crate) count_pm: i64,
@@ -36,7 +36,7 @@ impl Reckoning {
 }
 
 /// What the checks look for.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Watch {
     pub(crate) checks: Checks,
     pub(crate) reckoning: Reckoning,
