@@ -178,6 +178,8 @@ impl Machine {
 
     /// The loop of an axis has stopped its train.
     fn stopped(&mut self, now: Instant, axis: usize) {
+        // If the motion was over but for its last pulses, its end is to come once more.
+        self.ends = None;
         if self.others == Others::GoOn && !self.ended {
             return self.joints[axis].stop(now);
         }

@@ -288,6 +288,16 @@ fn sequenced_motion_goes_where_it_is_to_and_not_on_a_line() {
     assert!(status.contains("<Idle|MPos:80.000,33.300"), "{status}");
 }
 
+/// From rest to 25 mm/s at once the rotor swings by more than the dead band, while the last pulses of Y are out too.
+#[test]
+fn a_motion_ends_whose_axes_swing_to_its_end() {
+    let mut bench = Bench::with_rotor("motion = \"sequenced\"", 150.0);
+    bench.line("G91 G1 X10 Y3.33 F1500");
+    let status = bench.rest();
+    assert!(status.contains("<Idle|MPos:10.000,3.330"), "{status}");
+    assert!(bench.corrections(0) > 100 && (bench.carriage(0) - 10.0).abs() < 0.01, "{}", bench.carriage(0));
+}
+
 #[test]
 fn as_the_paper_has_it_it_moves_and_corrects_what_is_right() {
     let mut bench = Bench::new("preset = \"paper\"");

@@ -32,9 +32,15 @@ pub(crate) struct Bench {
 }
 
 impl Bench {
-    /// One with settings as in a rig file (TOML), past its banner.
+    /// One with settings as in a rig file (TOML), past its banner. Its rotors are in closed form.
     pub(crate) fn new(settings: &str) -> Self {
-        let settings: EngraverSettings = toml::from_str(settings).unwrap();
+        Self::with_rotor(settings, 0.0)
+    }
+
+    /// The same with rotors that swing at so many Hz.
+    pub(crate) fn with_rotor(settings: &str, rotor_hz: f64) -> Self {
+        let mut settings: EngraverSettings = toml::from_str(settings).unwrap();
+        settings.motor.rotor_hz = rotor_hz;
         settings.check().unwrap();
         let mut bench = Self {
             board: engraver(&settings, Clock::TRUE),
