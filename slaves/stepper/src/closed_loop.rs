@@ -149,11 +149,12 @@ impl ClosedLoop {
     }
 
     /// At rest, an error is smaller than in motion, and a stop may find nothing to correct. If that happens thrice in a
-    /// row, what is left is corrected although it is small: else the loop would stop again and again. Half a count is
-    /// the least that the encoder tells for certain.
+    /// row, what is left is corrected although it is small: else the loop would stop again and again. That may be less
+    /// than the encoder tells for certain, but three stops in a row say that something is left. Half a pulse is the
+    /// least that a pulse makes better.
     fn stop_in_vain(&mut self, error: i64) -> Verdict {
         self.vain += 1;
-        if self.vain < VAIN_MAX || error.saturating_abs() < self.half_count.max((self.pulse_pm + 1) / 2) {
+        if self.vain < VAIN_MAX || 2 * error.saturating_abs() < self.pulse_pm {
             return Verdict::Quiet;
         }
         (self.vain, self.best) = (0, Some(error.saturating_abs()));
@@ -187,6 +188,21 @@ mod tests {
         assert_eq!([10_000_000, -10_000_000, 11_250_000, 11_249_999].map(judged), [4, -4, 5, 4].map(Verdict::Correct));
         assert_eq!(judged(1_000_000_000), Verdict::Correct(400));
         assert_eq!([1_000_000_001, -1_000_000_001].map(judged), [Verdict::GiveUp(Cause::TooFar); 2]);
+    }
+
+    #[test]
+    fn three_stops_in_vain_correct_what_is_half_a_pulse_or_more() {
+        let judged = |error| {
+            let mut control = paper();
+            [0; 4].map(|_| {
+                control.restart();
+                control.judge(error)
+            })
+        };
+        use Verdict::{Correct, Quiet};
+        assert_eq!(judged(1_249_999), [Quiet; 4]);
+        assert_eq!(judged(1_250_000), [Quiet, Quiet, Correct(1), Quiet]);
+        assert_eq!(judged(-4_125_000), [Quiet, Quiet, Correct(-2), Quiet]);
     }
 
     #[test]

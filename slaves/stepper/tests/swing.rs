@@ -173,9 +173,9 @@ fn a_steep_ramp_swings_the_rotor_beyond_the_dead_band() {
     // Who corrects at once takes the swing for lost steps, and makes it worse.
     let (_, corrections, alarms, _) = false_alarms(Law::AtOnce, 150.0, 1_000.0, false, 0);
     assert!(corrections > 50 && alarms > 0);
-    // Who waits stops as often, and once in a row of stops there is enough left for a correction.
+    // Who waits makes three small corrections after stops in vain.
     let (stops, corrections, alarms, _) = false_alarms(Law::Pause, 150.0, 1_000.0, false, 0);
-    assert!(stops > 20 && corrections <= 1 && alarms == 0, "{stops} {corrections}");
+    assert!(stops > 5 && stops < 15 && corrections <= 3 && alarms == 0, "{stops} {corrections}");
 }
 
 #[test]

@@ -444,7 +444,7 @@ impl Slow {
         if error.abs() < self.dead_band * self.pulse_pm {
             let first = self.best.is_none();
             self.vain += u32::from(first);
-            if !(first && self.vain >= 3 && error.abs() >= (self.count_pm / 2).max((self.pulse_pm + 1) / 2)) {
+            if !(first && self.vain >= 3 && 2 * error.abs() >= self.pulse_pm) {
                 self.phase = Phase::Watching;
                 return self.events.push_back(Event::Resume { ramp: true });
             }
