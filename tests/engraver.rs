@@ -97,7 +97,7 @@ const SQUARE: &str = include_str!("../protocol/motion/tests/firmware/square.nc")
 const CIRCLE: &str = include_str!("../protocol/motion/tests/firmware/circle.nc");
 
 /// The rig with that firmware's settings.
-const AS_GRBL: [&str; 8] = [
+const AS_GRBL: [&str; 9] = [
     "engraver.axes=3",
     "engraver.loop.mode=open",
     "engraver.x.mm_per_s=50",
@@ -106,6 +106,7 @@ const AS_GRBL: [&str; 8] = [
     "engraver.y.mm_per_s2=500",
     "engraver.z.mm_per_s=16.666666666666668",
     "engraver.z.mm_per_s2=200",
+    "engraver.motor.rotor_hz=0",
 ];
 
 /// Where the carriages are, every millisecond.

@@ -36,18 +36,21 @@ pub(crate) fn shuttle(n: usize) {
         ["engraver", &program, "--set", "engraver.a.degrees_per_s=300", "--set", "engraver.a.degrees_per_s2=2400"];
     let open = ["--set", "engraver.loop.mode=open"];
     let shocked = ["--faults", &shocks];
+    let rigid = ["--in-process", "--set", "engraver.motor.rotor_hz=0"];
     let of = |more: &[&'static str]| -> Vec<&str> { more.to_vec() };
-    let kinds: [Kind<'_>; 7] = [
+    let kinds: [Kind<'_>; 9] = [
         ("processes", of(&[])),
         ("in process", of(&["--in-process"])),
         ("in process, ten times the microsteps", of(&["--in-process", "--set", "engraver.drive.pulses_per_rev=20000"])),
+        ("in process, rotors do not swing", rigid.to_vec()),
+        ("the same, a shock a second", [&rigid[..], &shocked[..]].concat()),
         ("in process, open loop", [&["--in-process"], &open[..]].concat()),
         ("in process, a shock a second", [&["--in-process"], &shocked[..]].concat()),
         ("in process, open, a shock a second", [&["--in-process"], &open[..], &shocked[..]].concat()),
         ("processes, a shock a second", shocked.to_vec()),
     ];
     let mut walls = kinds.each_ref().map(|_| Vec::new());
-    let mut virtual_s = [0.0; 7];
+    let mut virtual_s = [0.0; 9];
     for _ in 0..n {
         for (kind, (_, arguments)) in kinds.iter().enumerate() {
             let (wall, summary) = run(&[&fast[..], arguments].concat());

@@ -38,7 +38,7 @@ settings! {
         /// a rotor which swings at 150 Hz.
         start_mm_per_s: f64 = 28.0, 0.0..=10_000.0, "mm/s", "ours";
         /// The frequency at which the rotor swings about the field without load; 0: it is in closed form.
-        rotor_hz: f64 = 0.0, 0.0..=400.0, "Hz", "ours: 150";
+        rotor_hz: f64 = 150.0, 0.0..=400.0, "Hz", "ours";
         /// ζ: the damping of a rotor that swings.
         damping: f64 = 0.1, 0.0..=2.0, "", "ours";
         /// A rotor that hardly swings is locked to the field; without that, it is integrated for ever, to compare.

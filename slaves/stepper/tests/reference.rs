@@ -20,6 +20,7 @@ fn settings() -> impl Strategy<Value = AxisSettings> {
     )
         .prop_map(|(mode, sensor, scale, friction, backlash, (phase, period, n, dead_band), per_rev, pay)| {
             let mut settings = AxisSettings::default();
+            settings.motor.rotor_hz = 0.0;
             settings.control.mode = mode;
             settings.control.sensor = sensor;
             settings.control.scale = if sensor == Sensor::Belt { scale } else { CountScale::Exact };

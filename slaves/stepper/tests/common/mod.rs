@@ -97,8 +97,10 @@ pub(crate) fn ms(ms: f64) -> Instant {
     Instant::from_nanos((ms * 1e6).round() as u64)
 }
 
+/// Settings of an axis whose rotor is in closed form, unless it is changed.
 pub(crate) fn with(change: impl FnOnce(&mut AxisSettings)) -> AxisSettings {
     let mut settings = AxisSettings::default();
+    settings.motor.rotor_hz = 0.0;
     change(&mut settings);
     settings.check().unwrap();
     settings
