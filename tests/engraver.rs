@@ -212,6 +212,9 @@ fn loops_are_compared_and_the_open_one_does_not_see_what_it_has_lost() {
     for name in ["fixed 1 ms", "fixed 10 ms", "dynamic"] {
         assert!(of(name, "time_s") < 1.02 * of("open", "time_s"), "{name}: {}", of(name, "time_s"));
     }
+    // 120 MHz, 200 cycles; a fixed loop looks at all four axes all the time.
+    assert!((of("fixed 1 ms", "cpu_percent") - 100.0 * 4.0 * 200.0 / 120e3).abs() < 0.01);
+    assert!(of("dynamic", "cpu_percent") < of("fixed 1 ms", "cpu_percent") && of("open", "cpu_percent") == 0.0);
     assert!(of("dynamic", "worst_mm") < 0.03 && of("fixed 50 ms", "worst_mm") > 0.1);
     assert!(std::fs::read_to_string(&picture).unwrap().contains("times as much"));
     let refused = output(&["engraver", "compare", "--rig", "lathe"]);

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use torno::fault::{self, Planned};
 use torno::job::LineJob;
 use torno::play::Play;
-use torno::report::{LoopComparison, LoopRow};
+use torno::report::{LoopComparison, LoopRow, cpu_percent};
 use torno::rig::Driver;
 use torno::rig::file::RigFile;
 use torno::tracking::{Tracking, has_axes};
@@ -123,13 +123,16 @@ async fn play(
     };
     let way = played.trace.as_ref().map(Tracking::of).transpose()?.flatten();
     let most_mm = |values: Vec<i64>| values.into_iter().map(i64::abs).max().unwrap_or(0) as f64 / 1e6;
+    let checks = all("_checks");
+    let in_a_second = |checks: i64| checks as f64 / played.end.as_secs_f64();
     let row = LoopRow {
         name,
         outcome: played.outcome(),
         worst_mm: most_mm(all("_worst_nm")),
         final_mm: way.as_ref().map_or(0.0, Tracking::last_mm),
         corrections: all("_corrections").into_iter().sum(),
-        loops_per_s: all("_checks").into_iter().max().unwrap_or(0) as f64 / played.end.as_secs_f64(),
+        loops_per_s: in_a_second(checks.iter().copied().max().unwrap_or(0)),
+        cpu_percent: cpu_percent(in_a_second(checks.iter().sum())),
         time_s: played.idle_after.filter(|_| played.job.alarm.is_none()).map(|time| time.as_secs_f64()),
         alarm: played.job.alarm,
     };

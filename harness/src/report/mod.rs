@@ -16,7 +16,7 @@ mod timeline;
 
 pub use comparison::{Comparison, Side};
 pub use cut::Cut;
-pub use loops::{LoopComparison, LoopRow};
+pub use loops::{LoopComparison, LoopRow, cpu_percent};
 pub use part::{EventSummary, Measure, PartSummary, Required, Worst};
 pub use progress::{Bar, Status};
 pub use readout::Readout;
