@@ -1,4 +1,4 @@
-//! The page on what is wrong in the paper: its commands print what it says.
+//! The page on what is wrong in the paper, and the exercises: their commands print what they say.
 
 use std::fs;
 
@@ -13,10 +13,19 @@ fn words(line: &str) -> Vec<&str> {
 
 #[test]
 fn every_command_on_the_page_prints_what_stands_below_it() {
-    let page = fs::read_to_string(format!("{ROOT}/docs/paper-errata.md")).unwrap();
+    check("paper-errata.md");
+}
+
+#[test]
+fn every_command_of_an_exercise_prints_what_stands_below_it() {
+    check("engraver-exercises.md");
+}
+
+fn check(page: &str) {
+    let page = fs::read_to_string(format!("{ROOT}/docs/{page}")).unwrap();
     let blocks: Vec<&str> =
         page.split("```console\n$ torno ").skip(1).map(|b| b.split("```").next().unwrap()).collect();
-    assert!(blocks.len() >= 10, "{}", blocks.len());
+    assert!(blocks.len() >= 9, "{}", blocks.len());
     for block in blocks {
         let (command, expected) = block.split_once('\n').unwrap();
         let output = torno(&words(command)).current_dir(ROOT).output().unwrap();
