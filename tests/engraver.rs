@@ -196,7 +196,9 @@ fn loops_are_compared_and_the_open_one_does_not_see_what_it_has_lost() {
     let folder = folder();
     let picture = folder.path().join("loops.svg");
     let faults = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/tough-spots.toml");
-    let options = ["--faults", faults, "--json", "--plot", picture.to_str().unwrap()];
+    let page = folder.path().join("loops.html");
+    let files = ["--plot", picture.to_str().unwrap(), "--report", page.to_str().unwrap()];
+    let options = [&["--faults", faults, "--json"], &files[..]].concat();
     let compared = json(&output(&[&["engraver", "compare"], &options[..]].concat()));
     let loops = compared["loops"].as_array().unwrap();
     let of = |name: &str, field: &str| {
@@ -216,7 +218,9 @@ fn loops_are_compared_and_the_open_one_does_not_see_what_it_has_lost() {
     assert!((of("fixed 1 ms", "cpu_percent") - 100.0 * 4.0 * 200.0 / 120e3).abs() < 0.01);
     assert!(of("dynamic", "cpu_percent") < of("fixed 1 ms", "cpu_percent") && of("open", "cpu_percent") == 0.0);
     assert!(of("dynamic", "worst_mm") < 0.03 && of("fixed 50 ms", "worst_mm") > 0.1);
-    assert!(std::fs::read_to_string(&picture).unwrap().contains("times as much"));
+    let drawn = std::fs::read_to_string(&picture).unwrap();
+    let page = std::fs::read_to_string(&page).unwrap();
+    assert!(drawn.contains("times as much") && page.contains(&drawn) && page.contains("<td>fixed 50 ms<td"));
     let refused = output(&["engraver", "compare", "--rig", "lathe"]);
     assert_eq!(refused.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&refused.stderr).contains("expected one such as 'engraver'"));

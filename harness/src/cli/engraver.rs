@@ -10,11 +10,11 @@ use torno::report::{LoopComparison, LoopRow, cpu_percent};
 use torno::rig::Driver;
 use torno::rig::file::RigFile;
 use torno::tracking::{Tracking, has_axes};
-use torno_plot::{Colours, Figure, Panel};
+use torno_plot::{Colours, Figure, Format, Panel};
 
 use super::options::drawing;
-use super::output::draw;
-use super::{INTERRUPTED, Interrupt, LoadedLines, load_lines, load_rig, print_result};
+use super::output::{OutputFile, draw, print_beside, written};
+use super::{INTERRUPTED, Interrupt, LoadedLines, load_lines, load_rig};
 
 /// The loops: name, and what is set for them.
 const LOOPS: [(&str, &[&str]); 5] = [
@@ -53,6 +53,9 @@ struct CompareArguments {
     /// Draws for each loop the way that was asked and the way that was gone (.svg); how far they are apart is magnified
     #[arg(long, value_name = "FILE", value_parser = drawing)]
     plot: Option<PathBuf>,
+    /// Writes a page with the comparison and that picture (.html)
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
     /// Prints the comparison as one line of JSON
     #[arg(long)]
     json: bool,
@@ -81,6 +84,7 @@ impl CompareArguments {
             Some(path) => fault::load(path, &file.names(), None)?.faults,
             None => Vec::new(),
         };
+        let report = self.report.as_ref().map(OutputFile::create).transpose()?;
         let mut interrupt = Interrupt::listen()?;
         let plays = async {
             let mut rows = Vec::new();
@@ -98,10 +102,16 @@ impl CompareArguments {
             done = plays => done?,
             () = interrupt.received() => return Ok(ExitCode::from(INTERRUPTED)),
         };
+        let picture = figure(&name, &ways);
+        let comparison = LoopComparison { program: name, loops };
         if let Some(path) = &self.plot {
-            draw(path, &figure(&name, &ways), &Colours::default())?;
+            draw(path, &picture, &Colours::default())?;
         }
-        print_result(self.json, &LoopComparison { program: name, loops })?;
+        if let Some(file) = report {
+            let picture = picture.encode(Format::Svg, &Colours::default())?;
+            file.write(comparison.html(&String::from_utf8_lossy(&picture)))?;
+        }
+        print_beside(&[&self.report, &self.plot], &written(self.json, &comparison)?)?;
         Ok(ExitCode::SUCCESS)
     }
 }

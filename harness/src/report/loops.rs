@@ -4,6 +4,9 @@ use std::fmt;
 
 use anstyle::Style;
 use serde::Serialize;
+use torno_plot::escaped;
+
+const STYLE: &str = include_str!("page/style.css");
 
 /// The clock of the engraver's controller, an STM32F217: cycles in a second.
 const CPU_HZ: f64 = 120e6;
@@ -48,6 +51,36 @@ pub struct LoopComparison {
     pub program: String,
     /// The loops.
     pub loops: Vec<LoopRow>,
+}
+
+impl LoopComparison {
+    /// The comparison as a page (HTML) that needs nothing else, with a picture (SVG) of the ways.
+    pub fn html(&self, picture: &str) -> String {
+        let program = escaped(&self.program);
+        let rows: String = self.loops.iter().map(LoopRow::html).collect();
+        let numbers = ["worst, mm", "final, mm", "corrections", "loops/s", "CPU, %", "time, s"];
+        let head = numbers.map(|number| format!("<th class=\"n\">{number}")).concat();
+        format!(
+            "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<title>{program}: loops</title>\n\
+             <style>\n{STYLE}</style>\n</head>\n<body>\n<main>\n<header>\n\
+             <h1>{program} <small>with each loop</small></h1>\n</header>\n\
+             <section id=\"loops\">\n<h2>Loops</h2>\n<table>\n<tr><th>loop{head}<th></tr>\n{rows}</table>\n</section>\n\
+             <section id=\"ways\">\n<h2>Ways</h2>\n<figure>\n{picture}</figure>\n</section>\n\
+             </main>\n</body>\n</html>\n"
+        )
+    }
+}
+
+impl LoopRow {
+    fn html(&self) -> String {
+        let Self { name, worst_mm, final_mm, corrections, loops_per_s, cpu_percent, time_s, alarm, .. } = self;
+        let time = time_s.map_or_else(String::new, |seconds| format!("{seconds:.3}"));
+        let alarm = escaped(alarm.as_deref().unwrap_or_default());
+        format!(
+            "<tr><td>{name}<td class=\"n\">{worst_mm:.4}<td class=\"n\">{final_mm:.4}<td class=\"n\">{corrections}\
+             <td class=\"n\">{loops_per_s:.0}<td class=\"n\">{cpu_percent:.3}<td class=\"n\">{time}<td>{alarm}</tr>\n"
+        )
+    }
 }
 
 impl fmt::Display for LoopComparison {
