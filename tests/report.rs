@@ -123,7 +123,7 @@ fn a_report_is_in_units_for_people_and_names_what_was_done_to_the_rig() {
     assert_eq!((depth[2], depth[3], depth[4]), ("0.000 mm", "1.244 mm", "0.000 mm"), "{depth:?}");
     assert!(html.contains("<h3>transverse <small>1 mm is 450 counts</small></h3>"));
     let (html, _) = report(&["engraver"]);
-    assert_eq!(row(&html, "motors", "engraver x")[1..3], ["-33.999 mm", "33.999 mm"]);
+    assert_eq!(row(&html, "motors", "engraver x")[1..3], ["-34.000 mm", "33.999 mm"]);
     assert!(row(&html, "motors", "engraver a")[2].ends_with(" deg"));
     assert!(!html.contains("nm</text>") && !html.contains("udeg</text>"));
     assert!(row(&html, "lines", "pc → engraver")[2].ends_with(" others"));
