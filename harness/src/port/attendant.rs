@@ -60,14 +60,16 @@ impl Desk {
         })
     }
 
-    /// Writes towards the client. Returns how many bytes were lost.
+    /// Writes towards the client, if the rig has been told of it: what comes earlier is not for this one. Returns how
+    /// many bytes were lost.
     pub(super) fn write(&mut self, bytes: &[u8]) -> usize {
         // A failure here comes again at the next event.
         let _ = self.attend();
         if self.clients.is_unsure() {
             let _ = self.ask_again();
         }
-        if self.clients.nobody() { 0 } else { bytes.len() - self.pty.write(bytes) }
+        let is_new = self.clients.changes().contains(&Change::FirstOpened);
+        if is_new || self.clients.nobody() { 0 } else { bytes.len() - self.pty.write(bytes) }
     }
 
     /// What the line was last set to.

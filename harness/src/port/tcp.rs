@@ -162,7 +162,9 @@ impl TcpPort {
     }
 
     pub(super) fn write(&mut self, bytes: &[u8]) -> usize {
-        let Some(client) = &mut self.client else { return 0 };
+        // What comes before the rig has been told of a client is not for this one.
+        let is_new = self.changes.contains(&PortEvent::Opened);
+        let Some(client) = self.client.as_mut().filter(|_| !is_new) else { return 0 };
         // A terminal takes them for itself.
         let is_flow = |byte: u8| self.controls && self.line.ixon && (byte == XON || byte == XOFF);
         let mut lost = 0;

@@ -553,6 +553,18 @@ async fn old_replies_do_not_reach_the_next_client() {
 }
 
 #[tokio::test]
+async fn what_comes_before_the_rig_knows_a_client_is_not_for_this_one() {
+    let mut bench = Bench::new();
+    drop(bench.client().await);
+    assert_eq!(bench.event().await, PortEvent::Closed);
+    let next = Client::open(bench.port.path());
+    bench.reply(b"old");
+    assert_eq!(bench.event().await, PortEvent::Opened);
+    bench.reply(b"new");
+    assert_eq!(next.read(3), b"new");
+}
+
+#[tokio::test]
 async fn settings_outlive_the_client() {
     let mut bench = Bench::new();
     let client = bench.client().await;
