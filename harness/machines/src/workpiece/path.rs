@@ -1,5 +1,7 @@
 //! The way that the tool went: what the boards tell of their axes, and the bar as it is cut along it.
 
+use std::collections::VecDeque;
+
 use torno_part::{Happening, Place, Profile, Turning};
 use torno_protocol::time::Instant;
 
@@ -39,7 +41,7 @@ struct Sum {
     source: Source,
     follower: Option<Follower>,
     /// What has been told and not been cut yet.
-    told: Vec<Told>,
+    told: VecDeque<Told>,
     values: Vec<i64>,
     sum: i64,
 }
@@ -48,7 +50,7 @@ impl Sum {
     /// Quantities count from where the rig starts: they are 0 there.
     fn new(source: &Source, follower: Option<&Follower>) -> Self {
         let values = vec![0; source.signals.len()];
-        Self { source: source.clone(), follower: follower.cloned(), told: Vec::new(), values, sum: 0 }
+        Self { source: source.clone(), follower: follower.cloned(), told: VecDeque::new(), values, sum: 0 }
     }
 
     /// Takes note of a fact.
@@ -56,7 +58,7 @@ impl Sum {
         let Fact::Telemetry { node, at, signal, value } = fact else { return };
         let follows = || self.follower.as_ref().is_some_and(|it| it.drive == *signal);
         if self.source.node == *node && (self.source.signals.contains(signal) || follows()) {
-            self.told.push(Told { at: *at, signal: *signal, value: *value });
+            self.told.push_back(Told { at: *at, signal: *signal, value: *value });
         }
     }
 
@@ -64,7 +66,7 @@ impl Sum {
     /// where to.
     fn next(&self) -> Option<Instant> {
         let coasting = self.follower.as_ref().and_then(|follower| follower.slide.stands_at());
-        self.told.first().map(|told| told.at).into_iter().chain(coasting).min()
+        self.told.front().map(|told| told.at).into_iter().chain(coasting).min()
     }
 
     /// Goes on to `at`, which is not after the next change.
