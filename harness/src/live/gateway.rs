@@ -371,8 +371,8 @@ mod tests {
         let mut session = Session::start(&file, &Driver::InProcess, file.pc.uart()).await.unwrap();
         let pc = session.rig().pc();
         let mut gateway = Gateway::new(0, pc, &file.pc, port);
-        // One sets the line, the next writes: both have gone when the rig looks.
-        let script = "stty -F \"$0\" raw -echo ixon && printf 12345678 >\"$0\"";
+        // One sets the line, the next writes more than the driver takes: both have gone when the rig looks.
+        let script = "stty -F \"$0\" raw -echo ixon && printf %064d 0 >\"$0\"";
         let clients = std::process::Command::new("sh").args(["-c", script]).arg(&link).status();
         assert!(clients.unwrap().success());
         loop {
