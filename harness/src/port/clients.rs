@@ -223,7 +223,7 @@ impl Clients {
         self.ask_after.filter(|after| self.count == 0 || *after <= LATEST_OF_SOMEBODY)
     }
 
-    /// Whether the last close has only just been noticed: nothing has been asked since.
+    /// Whether the last close has only just been noticed: the kernel has not been asked again since.
     pub(super) fn is_unsure(&self) -> bool {
         self.count == 0 && self.ask_after == Some(ASKED_AGAIN)
     }
