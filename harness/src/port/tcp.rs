@@ -439,3 +439,28 @@ fn refuse(stream: TcpStream, present: SocketAddr) {
     // With bytes that nobody has read, the close would be a reset, and could overtake the text.
     let _ = io::Read::read(&mut &stream, &mut [0; AHEAD]);
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn a_client_waits_for_the_one_before_it_to_be_gone() {
+        let mut port = TcpPort::open("127.0.0.1:0".parse().unwrap(), false, 9600).unwrap();
+        let connect = |port: &TcpPort| std::net::TcpStream::connect(port.address()).unwrap();
+        let first = connect(&port);
+        assert_eq!(port.event(64, None).await.unwrap(), PortEvent::Opened);
+        let _next = connect(&port);
+        let comes = async {
+            while port.waiting.is_none() {
+                assert_eq!(port.try_event(64, None).unwrap(), None);
+                tokio::task::yield_now().await;
+            }
+        };
+        tokio::time::timeout(Duration::from_secs(10), comes).await.expect("it has to wait");
+        drop(first);
+        for event in [PortEvent::Closed, PortEvent::Opened] {
+            assert_eq!(port.event(64, None).await.unwrap(), event);
+        }
+    }
+}
