@@ -54,16 +54,16 @@ pub async fn run(kind: &str, join: Option<&Path>) -> Result<(), SeatError> {
             let socket = UnixStream::connect(path);
             let socket = socket.map_err(|cause| SeatError::NoRig { path: path.to_owned(), cause })?;
             match take_turns(kind, socket).await? {
-                Ended::InRig => Ok(()),
-                Ended::Unfit(message) => Err(SeatError::Unfit(message)),
-                Ended::LetGo => Err(SeatError::LetGo),
+                Closed::InRig => Ok(()),
+                Closed::Unfit(message) => Err(SeatError::Unfit(message)),
+                Closed::LetGo => Err(SeatError::LetGo),
             }
         }
     }
 }
 
 /// How it was when the harness closed the socket.
-enum Ended {
+enum Closed {
     /// It had had a grant.
     InRig,
     /// It could not be what it was to be, for this reason.
@@ -82,11 +82,11 @@ fn inherited() -> Result<UnixStream, SeatError> {
     Ok(UnixStream::from(stdin.as_fd().try_clone_to_owned().map_err(SeatError::Socket)?))
 }
 
-async fn take_turns(kind: &str, socket: UnixStream) -> Result<Ended, SeatError> {
+async fn take_turns(kind: &str, socket: UnixStream) -> Result<Closed, SeatError> {
     let mut channel = Channel::new(socket)?;
     let mut board: Option<Box<dyn Steps>> = None;
     let mut heard: Vec<Heard> = Vec::new();
-    let mut ended = Ended::LetGo;
+    let mut ended = Closed::LetGo;
     while let Some(record) = poll_fn(|context| channel.poll_receive(context)).await? {
         let answer = match (record, &mut board) {
             (ToBoard::Heard(beginning), _) => {
@@ -94,7 +94,7 @@ async fn take_turns(kind: &str, socket: UnixStream) -> Result<Ended, SeatError> 
                 continue;
             }
             (ToBoard::Grant(mut grant), Some(board)) => {
-                ended = Ended::InRig;
+                ended = Closed::InRig;
                 heard.append(&mut grant.heard);
                 grant.heard = core::mem::take(&mut heard);
                 match board.grant(grant) {
@@ -113,7 +113,7 @@ async fn take_turns(kind: &str, socket: UnixStream) -> Result<Ended, SeatError> 
                     FromBoard::Ready { version: VERSION, description }
                 }
                 Err(message) => {
-                    ended = Ended::Unfit(message.clone());
+                    ended = Closed::Unfit(message.clone());
                     FromBoard::Broken(message)
                 }
             },

@@ -16,13 +16,13 @@ pub struct Asked {
     /// The way, as the bar sees it.
     pub path: Path,
     /// How each of its moves is made.
-    ways: Vec<Way>,
+    ways: Vec<MotionKind>,
     /// From the program's places to the bar's.
     shift: Place,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Way {
+enum MotionKind {
     Rapid,
     Feed,
     Arc,
@@ -39,12 +39,12 @@ impl Asked {
     pub fn take(&mut self, motion: &Motion) {
         let to = |to: Position| self.at(to.z, to.x);
         let (way, step) = match &motion.kind {
-            Kind::Rapid { to: end } => (Way::Rapid, Move::Line(to(*end))),
+            Kind::Rapid { to: end } => (MotionKind::Rapid, Move::Line(to(*end))),
             Kind::Arc { to: end, plane: Plane::Zx, centre: [z, x], turn, turns, .. } => {
                 let clockwise = *turn == Turn::Clockwise;
-                (Way::Arc, Move::Arc(Arc { to: to(*end), centre: self.at(*z, *x), clockwise, turns: *turns }))
+                (MotionKind::Arc, Move::Arc(Arc { to: to(*end), centre: self.at(*z, *x), clockwise, turns: *turns }))
             }
-            Kind::Feed { to: end, .. } | Kind::Arc { to: end, .. } => (Way::Feed, Move::Line(to(*end))),
+            Kind::Feed { to: end, .. } | Kind::Arc { to: end, .. } => (MotionKind::Feed, Move::Line(to(*end))),
             _ => return,
         };
         self.path.moves.push(step);
@@ -55,7 +55,7 @@ impl Asked {
         Place { z: z + self.shift.z, x: x + self.shift.x }
     }
 
-    fn pieces(&self, wanted: Way) -> Vec<Vec<(f64, f64)>> {
+    fn pieces(&self, wanted: MotionKind) -> Vec<Vec<(f64, f64)>> {
         let places = self.path.places(FINE).zip(&self.ways).filter(|(_, way)| **way == wanted);
         places.map(|(places, _)| points(&places)).collect()
     }
@@ -125,9 +125,9 @@ impl Picture<'_> {
             ("frames", Style::Line, if stairs.is_empty() { Vec::new() } else { vec![points(stairs)] }),
             ("turned", Style::Line, turned.map(surface).into_iter().collect()),
             ("wanted", Style::Line, vec![surface(&part.contour(&asked.path))]),
-            ("rapid", Style::Dashed, asked.pieces(Way::Rapid)),
-            ("feed", Style::Line, asked.pieces(Way::Feed)),
-            ("arc", Style::Line, asked.pieces(Way::Arc)),
+            ("rapid", Style::Dashed, asked.pieces(MotionKind::Rapid)),
+            ("feed", Style::Line, asked.pieces(MotionKind::Feed)),
+            ("arc", Style::Line, asked.pieces(MotionKind::Arc)),
         ];
         let series = series.into_iter().filter(|(_, _, pieces)| !pieces.is_empty());
         let series = series.map(|(name, style, pieces)| Series::pieces(name, style, pieces)).collect();

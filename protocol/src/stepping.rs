@@ -32,7 +32,7 @@ pub struct Cell<B> {
     /// The first character that one of them hands over, and which. Kept, as it is looked at for every thing handled.
     coming: Option<(Instant, usize)>,
     /// What each port has received and the firmware has not fetched.
-    waiting: Vec<Waiting>,
+    waiting: Vec<UnreadInput>,
     /// Whether there is anything of that. Kept, as `coming` is.
     waits: bool,
     stimuli: VecDeque<(Instant, Stimulus)>,
@@ -58,7 +58,7 @@ impl<B: Board> Cell<B> {
     /// A board as at power-on.
     pub fn new(board: B) -> Self {
         let receivers = board.receivers();
-        let waiting = receivers.iter().map(Waiting::at).collect();
+        let waiting = receivers.iter().map(UnreadInput::at).collect();
         let mut cell = Self {
             board,
             receivers,
@@ -213,7 +213,7 @@ impl<B: Board> Cell<B> {
             Next::Fetch => {
                 let fetched =
                     self.waiting.iter_mut().enumerate().find_map(|(port, waiting)| Some((port, waiting.take()?)));
-                self.waits = !self.waiting.iter().all(Waiting::is_empty);
+                self.waits = !self.waiting.iter().all(UnreadInput::is_empty);
                 if let Some((port, character)) = fetched {
                     self.deliver(at, port, character, emit);
                 }
@@ -262,7 +262,7 @@ impl<B: Board> Cell<B> {
     }
 
     fn power(&mut self, at: Instant, on: bool, emit: &mut impl FnMut(Instant, Output)) {
-        self.waiting = self.receivers.iter().map(Waiting::at).collect();
+        self.waiting = self.receivers.iter().map(UnreadInput::at).collect();
         self.waits = false;
         self.busy_until = at;
         self.hung = 0;
@@ -344,14 +344,14 @@ impl<B: Board> Cell<B> {
 
 /// What a port has received while the firmware could not see to it.
 #[derive(Clone, Copy, Debug)]
-enum Waiting {
+enum UnreadInput {
     /// In a hardware UART.
     Buffered(Fifo),
     /// In the variable of a software UART.
     Variable(Option<Character>),
 }
 
-impl Waiting {
+impl UnreadInput {
     /// Nothing, at `receiver`.
     fn at(receiver: &Receiver) -> Self {
         if receiver.is_buffered() { Self::Buffered(Fifo::default()) } else { Self::Variable(None) }

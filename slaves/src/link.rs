@@ -286,17 +286,17 @@ mod tests {
     use super::*;
 
     const MS: u64 = 1_000_000;
-    /// The parities after one sub-frame, which is the one that [`Heard::new`] has executed, and after two.
+    /// The parities after one sub-frame, which is the one that [`LinkBench::new`] has executed, and after two.
     const ONE: [u8; 2] = [ACK, b'o'];
     const TWO: [u8; 2] = [ACK, b'e'];
 
     /// What is sent and told after bytes that are delivered at the given times, in microseconds.
-    struct Heard<const N: usize> {
+    struct LinkBench<const N: usize> {
         link: Link<N>,
         taken: Vec<[u8; N]>,
     }
 
-    impl<const N: usize> Heard<N> {
+    impl<const N: usize> LinkBench<N> {
         /// A slave that has been asked and has executed one sub-frame.
         fn new() -> Self {
             let mut link = Link::new(Clock::TRUE);
@@ -344,7 +344,7 @@ mod tests {
 
     #[test]
     fn bytes_three_characters_apart_are_one_sub_frame() {
-        let mut heard = Heard::<3>::new();
+        let mut heard = LinkBench::<3>::new();
         [0, 3_124, 6_248].iter().zip([1, 2, 3]).for_each(|(us, byte)| heard.byte(*us, byte));
         assert_eq!(heard.taken, [[1, 2, 3]]);
         assert!(heard.link.poll_timeout().is_none());
@@ -352,7 +352,7 @@ mod tests {
 
     #[test]
     fn a_longer_gap_drops_what_came_before_it() {
-        let mut heard = Heard::<3>::new();
+        let mut heard = LinkBench::<3>::new();
         heard.byte(0, 1);
         heard.byte(1_042, 2);
         assert_eq!(heard.link.poll_timeout().unwrap().0.as_nanos(), 1_042_000 + 3 * CHARACTER.as_nanos());
@@ -367,7 +367,7 @@ mod tests {
     #[test]
     fn a_character_at_the_instant_at_which_the_gap_ends_still_belongs_to_the_sub_frame() {
         for (late, taken) in [(0, true), (1, false)] {
-            let mut link = Heard::<2>::new().link;
+            let mut link = LinkBench::<2>::new().link;
             assert_eq!(link.receive(Instant::START, Character::good(1)), None);
             let at = Instant::START + CHARACTER.times(GAP_CHARACTERS) + Span::from_nanos(late);
             assert_eq!(link.receive(at, Character::good(2)).is_some(), taken);
@@ -376,7 +376,7 @@ mod tests {
 
     #[test]
     fn it_wants_to_run_at_the_earlier_of_a_gap_and_a_free_transmitter() {
-        let mut heard = Heard::<4>::new();
+        let mut heard = LinkBench::<4>::new();
         heard.byte(0, 1);
         let gap = (Instant::START + CHARACTER.times(GAP_CHARACTERS), "gap in a sub-frame");
         assert_eq!(heard.link.poll_timeout(), Some(gap));
@@ -393,7 +393,7 @@ mod tests {
 
     #[test]
     fn a_lone_enq_is_an_enquiry_after_the_gap() {
-        let mut heard = Heard::<4>::new();
+        let mut heard = LinkBench::<4>::new();
         heard.byte(0, ENQ);
         heard.silence(3_124);
         assert!(heard.link.is_about_to_speak());
@@ -406,7 +406,7 @@ mod tests {
 
     #[test]
     fn a_sub_frame_may_begin_with_05() {
-        let mut heard = Heard::<4>::new();
+        let mut heard = LinkBench::<4>::new();
         (0..4).zip([ENQ, 0, 9, 1]).for_each(|(n, byte)| heard.byte(n * 1_042, byte));
         heard.silence(20_000);
         assert_eq!(heard.taken, [[ENQ, 0, 9, 1]]);
@@ -415,7 +415,7 @@ mod tests {
 
     #[test]
     fn two_enquiries_at_once_are_none() {
-        let mut heard = Heard::<4>::new();
+        let mut heard = LinkBench::<4>::new();
         heard.byte(0, ENQ);
         heard.byte(1_042, ENQ);
         heard.silence(20_000);
@@ -424,7 +424,7 @@ mod tests {
 
     #[test]
     fn one_that_has_started_anew_says_so_when_asked() {
-        let mut heard = Heard::<1>::new();
+        let mut heard = LinkBench::<1>::new();
         heard.link.start();
         heard.link.reset();
         assert_eq!(heard.sent(), [], "unasked it says nothing");
@@ -435,7 +435,7 @@ mod tests {
     #[test]
     fn a_restart_between_an_acknowledgement_and_its_parity_leaves_it_cut_short() {
         for power in [false, true] {
-            let mut heard = Heard::<1>::new();
+            let mut heard = LinkBench::<1>::new();
             heard.byte(0, ENQ);
             assert_eq!(heard.link.poll_character(Instant::START).map(|loaded| loaded.byte), Some(ACK));
             if power {
@@ -453,7 +453,7 @@ mod tests {
     fn one_that_has_started_anew_takes_nothing_before_it_has_said_so() {
         let bad = Character { framing_error: true, ..Character::good(1) };
         for power in [false, true] {
-            let mut heard = Heard::<1>::new();
+            let mut heard = LinkBench::<1>::new();
             if power {
                 heard.link.power(Clock::TRUE)
             } else {
@@ -474,7 +474,7 @@ mod tests {
 
     #[test]
     fn a_sub_frame_that_is_cut_to_the_byte_of_an_enquiry_is_not_counted() {
-        let mut heard = Heard::<4>::new();
+        let mut heard = LinkBench::<4>::new();
         heard.byte(0, ENQ);
         heard.silence(3_125);
         assert_eq!(heard.sent(), ONE, "as before it");
@@ -482,14 +482,14 @@ mod tests {
 
     #[test]
     fn a_spindle_answers_enq_at_once() {
-        let mut heard = Heard::<1>::new();
+        let mut heard = LinkBench::<1>::new();
         heard.byte(0, ENQ);
         assert_eq!((heard.sent(), heard.taken.len()), (ONE.to_vec(), 0));
     }
 
     #[test]
     fn while_busy_enq_gives_bel_and_the_rest_is_dropped() {
-        let mut heard = Heard::<3>::new();
+        let mut heard = LinkBench::<3>::new();
         heard.link.start();
         heard.byte(0, 9);
         heard.byte(1_042, ENQ);
@@ -504,7 +504,7 @@ mod tests {
 
     #[test]
     fn a_standing_fault_is_told_again_until_the_next_start() {
-        let mut heard = Heard::<1>::new();
+        let mut heard = LinkBench::<1>::new();
         heard.link.start();
         heard.link.fail(Fault::Stalled);
         assert_eq!(heard.sent(), [CAN, b's']);
@@ -519,7 +519,7 @@ mod tests {
     #[test]
     fn a_missed_sub_frame_is_told_when_asked_until_one_is_taken() {
         let bad = Character { framing_error: true, ..Character::good(1) };
-        let misses: [fn(&mut Heard<3>, Character); 4] = [
+        let misses: [fn(&mut LinkBench<3>, Character); 4] = [
             |heard, bad| heard.character(0, bad),
             |heard, _| (heard.byte(0, 1), heard.byte(1_042, 2)).1,
             |heard, _| heard.link.refuse(Refusal::Direction),
@@ -527,7 +527,7 @@ mod tests {
             |heard, bad| (heard.character(0, bad), heard.byte(1_042, 2)).1,
         ];
         for miss in misses {
-            let mut heard = Heard::<3>::new();
+            let mut heard = LinkBench::<3>::new();
             miss(&mut heard, bad);
             heard.silence(9_000);
             assert_eq!(heard.sent(), [], "unasked it says nothing");
@@ -546,7 +546,7 @@ mod tests {
 
     #[test]
     fn noise_while_busy_is_no_missed_sub_frame() {
-        let mut heard = Heard::<1>::new();
+        let mut heard = LinkBench::<1>::new();
         heard.link.start();
         heard.character(0, Character { framing_error: true, ..Character::good(1) });
         heard.byte(10_000, 7);
@@ -561,7 +561,7 @@ mod tests {
             (Character { byte: 1, framing_error: true, overrun: false }, Event::FramingError),
             (Character { byte: 1, framing_error: false, overrun: true }, Event::Overrun),
         ] {
-            let mut heard = Heard::<3>::new();
+            let mut heard = LinkBench::<3>::new();
             heard.byte(0, 0);
             heard.character(1_042, bad);
             (2..6).for_each(|n| heard.byte(n * 1_042, 0));
@@ -574,7 +574,7 @@ mod tests {
 
     #[test]
     fn a_reset_forgets_what_was_begun() {
-        let mut heard = Heard::<3>::new();
+        let mut heard = LinkBench::<3>::new();
         heard.byte(0, ENQ);
         heard.link.reset();
         assert_eq!((heard.link.poll_timeout(), heard.link.is_about_to_speak()), (None, false));

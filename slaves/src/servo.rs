@@ -30,7 +30,7 @@ use torno_protocol::board::{
     Board, Capability, Deadline, Description, Input, Motor, MotorStimulus, Output, Role, Signal, Stimulus,
 };
 use torno_protocol::clock::Clock;
-use torno_protocol::servo::{Command, CommandDecoder, Flaw, Heard, PRESENT, RATE, telemetry};
+use torno_protocol::servo::{Command, CommandDecoder, Flaw, PRESENT, RATE, Received, telemetry};
 use torno_protocol::time::Instant;
 use torno_protocol::uart::{Receiver, Transmitter};
 
@@ -248,7 +248,7 @@ impl Servo {
         self.outputs.push_back(Output::Event { event: event as u8, value });
     }
 
-    fn hear(&mut self, now: Instant, heard: Heard) {
+    fn hear(&mut self, now: Instant, heard: Received) {
         match heard {
             Ok(Command::Stop) => {
                 if let Some(done) = self.firmware.run.take() {
@@ -259,12 +259,12 @@ impl Servo {
                 let letter = command.emit().first().copied().unwrap_or_default();
                 self.tell(Event::Dropped, i64::from(letter));
             }
-            Ok(command) => self.obey(now, command),
+            Ok(command) => self.carry_out(now, command),
             Err(flaw) => self.complain(flaw),
         }
     }
 
-    fn obey(&mut self, now: Instant, command: Command) {
+    fn carry_out(&mut self, now: Instant, command: Command) {
         match command {
             Command::Link => self.transmitter.push(PRESENT),
             Command::SetKx(value) => self.firmware.kx = value,

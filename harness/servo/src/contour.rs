@@ -52,14 +52,14 @@ pub struct Axes {
 }
 
 /// A place, in mm.
-pub type Place = (f64, f64);
+pub type Point = (f64, f64);
 
 impl Task {
     /// The set point at each tick, from (0, 0).
-    pub fn path(&self) -> Vec<Place> {
+    pub fn path(&self) -> Vec<Point> {
         let Self { shape, speed_mm_s: v } = *self;
         let leg = v * LEG_S;
-        let along = |from: Place, to: Place, v: f64| {
+        let along = |from: Point, to: Point, v: f64| {
             let (dx, dy) = (to.0 - from.0, to.1 - from.1);
             let way = libm::hypot(dx, dy);
             let ticks = (way / v * TICKS_PER_S).round().max(1.0) as usize;
@@ -68,7 +68,7 @@ impl Task {
                 (from.0 + dx * share, from.1 + dy * share)
             })
         };
-        let rest = |at: Place| core::iter::repeat_n(at, (REST_S * TICKS_PER_S) as usize);
+        let rest = |at: Point| core::iter::repeat_n(at, (REST_S * TICKS_PER_S) as usize);
         match shape {
             Shape::Corner => {
                 let (corner, end) = ((leg, 0.0), (leg, leg));
@@ -110,7 +110,7 @@ impl Task {
     }
 
     /// The lines or the arc that is asked for, for a picture. Of a corner, what is near it.
-    pub fn asked(&self) -> Vec<Place> {
+    pub fn asked(&self) -> Vec<Point> {
         let leg = self.speed_mm_s * LEG_S;
         match self.shape {
             Shape::Corner => vec![(leg - AROUND_MM, 0.0), (leg, 0.0), (leg, AROUND_MM)],
@@ -156,11 +156,11 @@ impl Task {
     }
 
     /// Where axes are at each tick that are sampled as the controller's loop is, without its rounding.
-    pub fn sampled(&self, axes: Axes) -> Vec<Place> {
+    pub fn sampled(&self, axes: Axes) -> Vec<Point> {
         let period = 1.0 / TICKS_PER_S;
         let left = libm::exp(-period / axes.tau_s);
         let (mut at, mut speed) = ([0.0; 2], [0.0; 2]);
-        let tick = |place: Place| {
+        let tick = |place: Point| {
             let before = (at[0], at[1]);
             for (axis, set_point) in [place.0, place.1].into_iter().enumerate() {
                 let toward = axes.kv[axis] * (set_point - at[axis]);
@@ -176,16 +176,16 @@ impl Task {
     ///
     /// A corner's is the nearest approach to it, a line's the mean over the second half of the way, a circle's the mean
     /// over the last turn of how much smaller its radius is; that of points, how far the path leaves the straight line.
-    pub fn measured(&self, driven: &[Place]) -> f64 {
+    pub fn measured(&self, driven: &[Point]) -> f64 {
         let leg = self.speed_mm_s * LEG_S;
         match self.shape {
             Shape::Corner => {
-                let to_corner = |pair: &[Place]| distance((leg, 0.0), pair[0], pair[1]);
+                let to_corner = |pair: &[Point]| distance((leg, 0.0), pair[0], pair[1]);
                 driven.windows(2).map(to_corner).fold(f64::INFINITY, f64::min)
             }
             Shape::Circle(radius) => {
                 let turn = &driven[driven.len().saturating_sub(self.turn_ticks())..];
-                let smaller = |place: &Place| radius - libm::hypot(place.0 - radius, place.1 - radius);
+                let smaller = |place: &Point| radius - libm::hypot(place.0 - radius, place.1 - radius);
                 turn.iter().map(smaller).sum::<f64>() / turn.len().max(1) as f64
             }
             Shape::Line(_) | Shape::Straight => {
@@ -198,15 +198,15 @@ impl Task {
     }
 
     /// How far to the left of the line that is asked for.
-    fn off_line(&self, place: Place) -> f64 {
+    fn off_line(&self, place: Point) -> f64 {
         let end = self.asked().last().copied().unwrap_or_default();
         (end.0 * place.1 - end.1 * place.0) / libm::hypot(end.0, end.1)
     }
 
     /// What was driven, with what it leaves of the asked path magnified.
-    pub fn magnified(&self, driven: &[Place], times: f64) -> Vec<Place> {
+    pub fn magnified(&self, driven: &[Point], times: f64) -> Vec<Point> {
         let asked = self.asked();
-        let of_place = |place: &Place| {
+        let of_place = |place: &Point| {
             let foot = asked.windows(2).map(|pair| foot(*place, pair[0], pair[1]));
             let nearest = foot.min_by(|a, b| apart(*a, *place).total_cmp(&apart(*b, *place))).unwrap_or(*place);
             (nearest.0 + times * (place.0 - nearest.0), nearest.1 + times * (place.1 - nearest.1))
@@ -219,17 +219,17 @@ impl Task {
             Shape::Line(_) | Shape::Straight => &driven[..driven.len().saturating_sub(rest)],
         };
         let corner = (self.speed_mm_s * LEG_S, 0.0);
-        let is_shown = |place: &&Place| self.shape != Shape::Corner || apart(**place, corner) <= AROUND_MM;
+        let is_shown = |place: &&Point| self.shape != Shape::Corner || apart(**place, corner) <= AROUND_MM;
         part.iter().filter(is_shown).map(of_place).collect()
     }
 }
 
-fn apart(a: Place, b: Place) -> f64 {
+fn apart(a: Point, b: Point) -> f64 {
     libm::hypot(a.0 - b.0, a.1 - b.1)
 }
 
 /// The point of a line's part from `a` to `b` that is nearest to `place`.
-fn foot(place: Place, a: Place, b: Place) -> Place {
+fn foot(place: Point, a: Point, b: Point) -> Point {
     let (dx, dy) = (b.0 - a.0, b.1 - a.1);
     let length = dx * dx + dy * dy;
     if length == 0.0 {
@@ -239,7 +239,7 @@ fn foot(place: Place, a: Place, b: Place) -> Place {
     (a.0 + dx * share, a.1 + dy * share)
 }
 
-fn distance(place: Place, a: Place, b: Place) -> f64 {
+fn distance(place: Point, a: Point, b: Point) -> f64 {
     apart(place, foot(place, a, b))
 }
 
@@ -306,7 +306,7 @@ mod tests {
                 let lag = from - at - v / kv;
                 to - v / kv - lag * libm::exp(-kv * t)
             };
-            let driven: Vec<Place> = task
+            let driven: Vec<Point> = task
                 .path()
                 .into_iter()
                 .map(|to| {

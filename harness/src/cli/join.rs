@@ -14,13 +14,13 @@ use torno::rig::join::{Awaited, OpenPlace, OpenPlaces};
 use super::{Interrupt, print};
 
 #[derive(Serialize)]
-struct Waiting<'a> {
+struct AwaitedBoards<'a> {
     #[serde(rename = "await")]
-    boards: BTreeMap<&'a str, Place<'a>>,
+    boards: BTreeMap<&'a str, AwaitedBoard<'a>>,
 }
 
 #[derive(Serialize)]
-struct Place<'a> {
+struct AwaitedBoard<'a> {
     kind: &'a str,
     socket: &'a Path,
     command: String,
@@ -68,9 +68,9 @@ fn place(file: &RigFile, text: &str) -> anyhow::Result<Awaited> {
 
 fn announcement(places: &OpenPlaces, json: bool) -> anyhow::Result<String> {
     if json {
-        let place = |open| Place { kind: OpenPlace::kind(open), socket: open.socket(), command: open.command() };
+        let place = |open| AwaitedBoard { kind: OpenPlace::kind(open), socket: open.socket(), command: open.command() };
         let boards = places.iter().map(|open| (open.board(), place(open))).collect();
-        return Ok(serde_json::to_string(&Waiting { boards })? + "\n");
+        return Ok(serde_json::to_string(&AwaitedBoards { boards })? + "\n");
     }
     let mut text = String::new();
     for open in places.iter() {

@@ -134,7 +134,7 @@ impl Arguments {
         self.play_job(started, chosen, name, FrameJob::new(program), asked).await
     }
 
-    async fn play_job<J: Told>(
+    async fn play_job<J: JobSummary>(
         self,
         started: Instant,
         Chosen { rig, file, kept_files }: Chosen,
@@ -244,18 +244,18 @@ impl Arguments {
 }
 
 /// What is told of a job.
-trait Told: Job {
+trait JobSummary: Job {
     /// What came of its frames or lines, and what failed.
     fn told(&self) -> (Option<Frames>, Option<Lines>, Vec<String>);
 }
 
-impl Told for FrameJob {
+impl JobSummary for FrameJob {
     fn told(&self) -> (Option<Frames>, Option<Lines>, Vec<String>) {
         (Some(Frames::new(&self.tally, self.program.frames.len())), None, failures(&self.tally))
     }
 }
 
-impl Told for LineJob {
+impl JobSummary for LineJob {
     fn told(&self) -> (Option<Frames>, Option<Lines>, Vec<String>) {
         (None, Some(Lines::new(self)), self.alarm.iter().cloned().collect())
     }
@@ -267,7 +267,7 @@ fn tolerance(text: &str) -> Result<f64, String> {
     mm.ok_or_else(|| "expected mm, from 0 to 1000, such as 0.05 or '50 um'".to_owned())
 }
 
-fn summary<J: Told>(played: Played<J>, rig: String, program: String, seed: u64, started: Instant) -> Summary {
+fn summary<J: JobSummary>(played: Played<J>, rig: String, program: String, seed: u64, started: Instant) -> Summary {
     let (frames, lines, failures) = played.job.told();
     let wall = started.elapsed();
     let wall_s = wall.as_secs_f64();

@@ -42,12 +42,12 @@ pub struct Faults {
     /// Those that have begun and are not healed, and some that are over by themselves.
     broken: BTreeMap<String, Broken>,
     /// Those on a line that have not met their character yet.
-    waiting: Vec<Waiting>,
+    waiting: Vec<PendingFault>,
 }
 
 /// A fault on a line that waits for its character.
 #[derive(Debug)]
-struct Waiting {
+struct PendingFault {
     name: String,
     fault: FaultId,
     since: Instant,
@@ -129,7 +129,7 @@ impl Faults {
         let since = broken.since;
         if let Some((lies_in_wait, (line, nth))) = broken.line.zip(fault.awaited()) {
             let line = rig.layout().lines[line].name.clone();
-            self.waiting.push(Waiting { name: fault.name.clone(), fault: lies_in_wait, since, nth, line });
+            self.waiting.push(PendingFault { name: fault.name.clone(), fault: lies_in_wait, since, nth, line });
         }
         if let Some(mut before) = self.broken.insert(fault.name.clone(), broken).filter(|b| b.ends().is_some()) {
             // Its end has come just now.
@@ -224,7 +224,7 @@ impl Faults {
         let armed = self.armed.iter();
         let armed = armed.map(|armed| unfired(&armed.fault.name, Cause::Unmet(armed.condition.clone())));
         let due = self.due.iter().map(|(at, fault)| unfired(&fault.name, Cause::Later(*at)));
-        let waiting = self.waiting.iter().map(|Waiting { name, since, nth, line, .. }| {
+        let waiting = self.waiting.iter().map(|PendingFault { name, since, nth, line, .. }| {
             unfired(name, Cause::Unsent { since: *since, nth: *nth, line: line.clone() })
         });
         armed.chain(due).chain(waiting).collect()

@@ -10,4 +10,4 @@ pub mod dac;
 mod report;
 pub mod tune;
 
-pub use report::{Identification, Method, Row, Run, Units};
+pub use report::{Experiment, Identification, Method, MethodResult, Units};

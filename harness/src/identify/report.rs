@@ -155,7 +155,7 @@ impl Method {
 
 /// What one method made of one run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Row {
+pub struct MethodResult {
     /// The method.
     pub method: Method,
     /// Worth to be built on.
@@ -206,7 +206,7 @@ pub struct Row {
     fitted: Option<Fitted>,
 }
 
-impl Row {
+impl MethodResult {
     fn of(method: Method, recording: &Recording) -> Self {
         let result = method.apply(recording).and_then(|(fitted, closed)| {
             nls::check_fit(&recording.data, &fitted)?;
@@ -269,7 +269,7 @@ impl Row {
 }
 
 /// Where one experiment shows friction, models without it are wrong in all of them.
-fn doubt_what_lacks_friction(runs: &mut [Run]) {
+fn doubt_what_lacks_friction(runs: &mut [Experiment]) {
     let rows = || runs.iter().flat_map(|run| run.methods.iter().map(move |row| (run, row)));
     let found =
         rows().find(|(_, row)| row.method == Method::NlsFriction && row.fitted.is_some() && row.doubts.is_empty());
@@ -282,7 +282,7 @@ fn doubt_what_lacks_friction(runs: &mut [Run]) {
 }
 
 /// Where one experiment shows a dead time, models without it are wrong in all of them.
-fn doubt_what_lacks_dead_time(runs: &mut [Run]) {
+fn doubt_what_lacks_dead_time(runs: &mut [Experiment]) {
     let rows = || runs.iter().flat_map(|run| run.methods.iter().map(move |row| (run, row)));
     let sound = rows().filter(|(_, row)| row.doubts.is_empty());
     let Some((input, dead)) = sound.filter_map(|(run, row)| Some((run.input.clone(), row.dead_s?))).next() else {
@@ -296,7 +296,7 @@ fn doubt_what_lacks_dead_time(runs: &mut [Run]) {
 }
 
 /// Where the sensor is off, models without that take it for gain.
-fn doubt_what_lacks_offset(runs: &mut [Run]) {
+fn doubt_what_lacks_offset(runs: &mut [Experiment]) {
     for run in runs {
         let Some(offset) = run.methods.iter().find_map(|row| row.offset) else { continue };
         for row in run.methods.iter_mut().filter(|row| row.recommended && row.offset.is_none()) {
@@ -309,8 +309,9 @@ fn doubt_what_lacks_offset(runs: &mut [Run]) {
 }
 
 /// Two results that cannot both be right, in words: the two that are furthest apart.
-fn contradiction<'a>(rows: impl Iterator<Item = (&'a Run, &'a Row)>, units: &Units) -> Option<String> {
-    let mut rows: Vec<(&Run, &Row)> = rows.filter(|(_, row)| row.recommended && row.fitted.is_some()).collect();
+fn contradiction<'a>(rows: impl Iterator<Item = (&'a Experiment, &'a MethodResult)>, units: &Units) -> Option<String> {
+    let mut rows: Vec<(&Experiment, &MethodResult)> =
+        rows.filter(|(_, row)| row.recommended && row.fitted.is_some()).collect();
     if rows.iter().any(|(_, row)| row.doubts.is_empty()) {
         rows.retain(|(_, row)| row.doubts.is_empty());
     } else if rows.iter().any(|(_, row)| row.offset.is_some()) {
@@ -346,13 +347,13 @@ fn contradiction<'a>(rows: impl Iterator<Item = (&'a Run, &'a Row)>, units: &Uni
 
 /// One run and what came of it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Run {
+pub struct Experiment {
     /// What it was.
     pub input: String,
     /// How many samples there are.
     pub samples: usize,
     /// The methods.
-    pub methods: Vec<Row>,
+    pub methods: Vec<MethodResult>,
     /// Why nothing came of it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub finding: Option<String>,
@@ -383,7 +384,7 @@ pub struct Identification {
     /// What is to be built on.
     pub result: Outcome,
     /// Everything that was tried.
-    pub runs: Vec<Run>,
+    pub runs: Vec<Experiment>,
 }
 
 /// What is to be built on.
@@ -444,7 +445,8 @@ impl Identification {
         recordings: Vec<Result<Recording, Useless>>,
         only: Option<Method>,
     ) -> Result<Self, String> {
-        let mut runs: Vec<Run> = recordings.into_iter().map(|recording| Run::of(recording, only)).collect();
+        let mut runs: Vec<Experiment> =
+            recordings.into_iter().map(|recording| Experiment::of(recording, only)).collect();
         runs.retain(|run| !run.methods.is_empty() || run.finding.is_some());
         doubt_what_lacks_friction(&mut runs);
         doubt_what_lacks_offset(&mut runs);
@@ -471,7 +473,7 @@ impl Identification {
                 _ => findings.iter().map(|finding| format!("\n  {finding}")).collect(),
             });
         };
-        let Row { method, fitted: Some(fitted), fit_percent, doubts, .. } = best else {
+        let MethodResult { method, fitted: Some(fitted), fit_percent, doubts, .. } = best else {
             return Err("no method came to a result".to_owned());
         };
         let mut warnings = doubts.clone();
@@ -529,9 +531,10 @@ impl Identification {
         let times = || data.instants().into_iter().zip(data.samples()).map(shown_at);
         let measured = times().zip(data.samples()).map(|(t, sample)| (t, scale * sample.speed)).collect();
         let mut series = vec![Series::new(name, drawn, measured)];
-        let shown =
-            |row: &&Row| row.method == self.result.method || matches!(row.method, Method::Eq4 | Method::PeakSettling);
-        let mut rows: Vec<&Row> = run.methods.iter().filter(shown).collect();
+        let shown = |row: &&MethodResult| {
+            row.method == self.result.method || matches!(row.method, Method::Eq4 | Method::PeakSettling)
+        };
+        let mut rows: Vec<&MethodResult> = run.methods.iter().filter(shown).collect();
         rows.sort_by_key(|row| row.method != self.result.method);
         for row in rows {
             let Some(fitted) = &row.fitted else { continue };
@@ -644,7 +647,7 @@ impl Dac {
     }
 }
 
-impl Run {
+impl Experiment {
     fn of(recording: Result<Recording, Useless>, only: Option<Method>) -> Self {
         let recording = match recording {
             Ok(recording) => recording,
@@ -656,7 +659,7 @@ impl Run {
         let closed = recording.closed.is_some();
         let wanted = Method::ALL.into_iter().filter(|method| only.is_none_or(|only| only == *method));
         let methods = wanted.filter(|method| method.fits(&recording.data, closed));
-        let mut methods: Vec<Row> = methods.map(|method| Row::of(method, &recording)).collect();
+        let mut methods: Vec<MethodResult> = methods.map(|method| MethodResult::of(method, &recording)).collect();
         let no_dead = methods.iter().find(|row| row.method == Method::NlsDead).and_then(|row| row.finding.clone());
         // Most motors have none: there is nothing to be told of that.
         methods.retain(|row| only.is_some() || !row.method.is_extra() || row.fitted.is_some());
@@ -671,7 +674,7 @@ impl Run {
     }
 }
 
-impl Row {
+impl MethodResult {
     fn write(&self, text: &mut fmt::Formatter<'_>, warn: Style) -> fmt::Result {
         let mark = match (self.recommended, self.doubts.is_empty()) {
             (true, true) => '*',

@@ -147,7 +147,7 @@ fn give<T: Serialize>(answer: Answer, result: Result<T, Refused>) {
 
 impl Live {
     /// Does what is asked.
-    pub(super) async fn obey(&mut self, call: Call) -> Result<(), SessionError> {
+    pub(super) async fn carry_out(&mut self, call: Call) -> Result<(), SessionError> {
         let Call { request, answer, rows } = call;
         let now = self.now();
         match request {
@@ -335,7 +335,7 @@ impl Live {
         }
         let mut obeyed = false;
         while let Some(call) = self.steering.as_mut().and_then(Steering::next_call) {
-            self.obey(call).await?;
+            self.carry_out(call).await?;
             obeyed = true;
         }
         Ok(obeyed)

@@ -180,7 +180,7 @@ impl Visit for Board {
 
 /// What a message says.
 #[derive(Default, Serialize)]
-struct Said {
+struct LogLine {
     ns: u64,
     level: &'static str,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -197,7 +197,7 @@ struct Said {
     spans: BTreeMap<&'static str, Value>,
 }
 
-impl Said {
+impl LogLine {
     fn by(event: &Event<'_>) -> Self {
         let level = event.metadata().level().as_str();
         let mut said = Self { ns: NOW.load(Ordering::Relaxed), level, ..Self::default() };
@@ -206,7 +206,7 @@ impl Said {
     }
 }
 
-impl Said {
+impl LogLine {
     /// As a line of text without colours.
     fn text(&self) -> String {
         let time = Instant::from_nanos(self.ns).to_string();
@@ -219,7 +219,7 @@ impl Said {
     }
 }
 
-impl Visit for Said {
+impl Visit for LogLine {
     fn record_debug(&mut self, field: &Field, value: &dyn fmt::Debug) {
         self.record_str(field, &format!("{value:?}"));
     }
@@ -257,9 +257,9 @@ impl Visit for Said {
 }
 
 /// That so many lines have been dropped.
-fn dropped(lines: u64) -> Said {
+fn dropped(lines: u64) -> LogLine {
     let message = format!("{lines} lines dropped: nobody reads standard error");
-    Said { ns: NOW.load(Ordering::Relaxed), level: Level::WARN.as_str(), message, ..Said::default() }
+    LogLine { ns: NOW.load(Ordering::Relaxed), level: Level::WARN.as_str(), message, ..LogLine::default() }
 }
 
 struct Text;
@@ -270,7 +270,7 @@ where
     N: for<'a> FormatFields<'a> + 'static,
 {
     fn format_event(&self, _: &FmtContext<'_, S, N>, mut writer: Writer<'_>, event: &Event<'_>) -> fmt::Result {
-        let Said { ns, level, board, event, message, others, .. } = Said::by(event);
+        let LogLine { ns, level, board, event, message, others, .. } = LogLine::by(event);
         let (dim, colour) = match writer.has_ansi_escapes() {
             true => (Style::new().dimmed(), colour(level)),
             false => (Style::new(), Style::new()),
@@ -307,7 +307,7 @@ where
     N: for<'a> FormatFields<'a> + 'static,
 {
     fn format_event(&self, context: &FmtContext<'_, S, N>, mut writer: Writer<'_>, event: &Event<'_>) -> fmt::Result {
-        let mut said = Said::by(event);
+        let mut said = LogLine::by(event);
         for span in context.event_scope().into_iter().flatten() {
             let extensions = span.extensions();
             let fields = extensions.get::<FormattedFields<N>>().map_or("{}", |fields| fields.as_str());
@@ -324,7 +324,7 @@ impl<'writer> FormatFields<'writer> for Json {
         mut writer: Writer<'writer>,
         fields: R,
     ) -> fmt::Result {
-        let mut said = Said::default();
+        let mut said = LogLine::default();
         fields.record(&mut said);
         write!(writer, "{}", serde_json::to_string(&said.others).map_err(|_| fmt::Error)?)
     }

@@ -15,7 +15,7 @@ use tokio::sync::Notify;
 use super::clients::{Change, Clients};
 use super::event::{LineCoding, LineSettings, PortEvent};
 use super::order::{self, Mark, Waited};
-use super::pty::{Pty, Said};
+use super::pty::{ClientAction, Pty};
 use super::queue::Queue;
 
 /// So many bytes are taken from a client before they are wanted, as by a serial driver: for these it is known at which
@@ -152,9 +152,9 @@ impl Desk {
         let mut wrote = false;
         for said in self.pty.look(room, most.max(room))? {
             match said {
-                Said::Set => self.set = true,
-                Said::Flushed => self.queue.flush(),
-                Said::Data(bytes, baud) => {
+                ClientAction::Set => self.set = true,
+                ClientAction::Flushed => self.queue.flush(),
+                ClientAction::Data(bytes, baud) => {
                     wrote = true;
                     self.queue.put(bytes, LineCoding::at(baud));
                 }

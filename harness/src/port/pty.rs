@@ -31,7 +31,7 @@ const STATUS_FLUSHED_OUTPUT: u8 = 1 << 1;
 
 /// Something that the client has done.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) enum Said {
+pub(super) enum ClientAction {
     /// It has written these bytes, at this speed.
     Data(Vec<u8>, u32),
     /// It has flushed its output. What it had written before and was still here is gone.
@@ -140,13 +140,13 @@ impl Pty {
 
     /// Takes in what the client has done, with at most `room` bytes of data; but if it has set another speed, with all
     /// that it had written before, up to `most`.
-    pub(super) fn look(&mut self, room: usize, most: usize) -> io::Result<Vec<Said>> {
+    pub(super) fn look(&mut self, room: usize, most: usize) -> io::Result<Vec<ClientAction>> {
         let said = self.listen(room, most)?;
         self.marks.clear();
         Ok(said)
     }
 
-    fn listen(&mut self, room: usize, most: usize) -> io::Result<Vec<Said>> {
+    fn listen(&mut self, room: usize, most: usize) -> io::Result<Vec<ClientAction>> {
         let has_arrived = self.marks.contains(&Mark::Arrived);
         let (mut said, mut data) = (Vec::new(), Vec::new());
         let mut older = self.backlog;
@@ -160,7 +160,7 @@ impl Pty {
                 self.discard_flushed(older.saturating_sub(data.len()))?;
                 data.clear();
                 older = 0;
-                said.push(Said::Flushed);
+                said.push(ClientAction::Flushed);
             }
             // What is left tells of flushed input, of stopped and restarted output, and of XON/XOFF turned on or off,
             // which the settings tell: nothing to us.
@@ -168,7 +168,7 @@ impl Pty {
         let line = self.settings()?;
         if line == self.line {
             if !data.is_empty() {
-                said.push(Said::Data(data, line.coding.baud));
+                said.push(ClientAction::Data(data, line.coding.baud));
             }
             return Ok(said);
         }
@@ -190,15 +190,15 @@ impl Pty {
                 Some((status, _)) if status & STATUS_FLUSHED_OUTPUT != 0 => {
                     self.discard_flushed(0)?;
                     data.clear();
-                    said.push(Said::Flushed);
+                    said.push(ClientAction::Flushed);
                 }
                 Some(_) => {}
             }
         }
         let newer = data.split_off(older.min(data.len()));
-        said.push(Said::Set);
-        said.extend([(data, was), (newer, line.coding.baud)].map(|(data, baud)| Said::Data(data, baud)));
-        said.retain(|said| !matches!(said, Said::Data(data, _) if data.is_empty()));
+        said.push(ClientAction::Set);
+        said.extend([(data, was), (newer, line.coding.baud)].map(|(data, baud)| ClientAction::Data(data, baud)));
+        said.retain(|said| !matches!(said, ClientAction::Data(data, _) if data.is_empty()));
         Ok(said)
     }
 

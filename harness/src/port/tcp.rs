@@ -62,7 +62,7 @@ pub struct TcpPort {
     connections: mpsc::Receiver<(TcpStream, SocketAddr)>,
     client: Option<Client>,
     /// Who has come while another was there.
-    waiting: Option<Waiting>,
+    waiting: Option<PendingConnection>,
     /// What clients have written.
     queue: Queue,
     /// Who has come and gone.
@@ -93,7 +93,7 @@ struct Client {
 
 /// A connection that is let in or refused before long.
 #[derive(Debug)]
-struct Waiting {
+struct PendingConnection {
     stream: TcpStream,
     peer: SocketAddr,
     until: Pin<Box<Sleep>>,
@@ -225,7 +225,7 @@ impl TcpPort {
         if self.waiting.is_none()
             && let Poll::Ready(Some((stream, peer))) = self.connections.poll_recv(context)
         {
-            self.waiting = Some(Waiting { stream, peer, until: Box::pin(sleep(GRACE)) });
+            self.waiting = Some(PendingConnection { stream, peer, until: Box::pin(sleep(GRACE)) });
         }
         let Some(waiting) = &mut self.waiting else { return false };
         let is_late = waiting.until.as_mut().poll(context).is_ready();
@@ -237,7 +237,7 @@ impl TcpPort {
         if present.is_some() && !is_late {
             return false;
         }
-        let Some(Waiting { stream, peer, .. }) = self.waiting.take() else { return false };
+        let Some(PendingConnection { stream, peer, .. }) = self.waiting.take() else { return false };
         match present {
             Some(present) => {
                 tracing::warn!("a client at {peer} is refused: {present} has the port open");

@@ -17,7 +17,7 @@ pub struct Comparison {
     pub frames: usize,
     /// The rigs.
     pub rigs: [Side; 2],
-    rows: Vec<Row>,
+    rows: Vec<ComparedQuantity>,
 }
 
 /// How the program ended on one rig.
@@ -40,7 +40,7 @@ pub struct Side {
 
 /// One quantity of both.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-struct Row {
+struct ComparedQuantity {
     quantity: String,
     unit: &'static str,
     /// None: the rig has no such thing, or it did not come to it.
@@ -54,7 +54,7 @@ struct Row {
     digits: usize,
 }
 
-impl Row {
+impl ComparedQuantity {
     fn new(quantity: impl Into<String>, unit: &'static str, digits: usize, values: [Option<f64>; 2]) -> Self {
         let both = values[0].zip(values[1]);
         let ratio = both.filter(|(a, b)| *a != 0.0 && a.signum() == b.signum()).map(|(a, b)| b / a);
@@ -79,7 +79,7 @@ impl Comparison {
 impl fmt::Display for Comparison {
     fn fmt(&self, text: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (bold, dim) = (Style::new().bold(), Style::new().dimmed());
-        let label = |row: &Row| {
+        let label = |row: &ComparedQuantity| {
             if row.unit.is_empty() { row.quantity.clone() } else { format!("{}, {}", row.quantity, row.unit) }
         };
         let first = self.rows.iter().map(|row| label(row).chars().count()).max().unwrap_or_default();
@@ -116,13 +116,13 @@ impl fmt::Display for Comparison {
     }
 }
 
-fn rows(rigs: &[Side; 2]) -> Vec<Row> {
+fn rows(rigs: &[Side; 2]) -> Vec<ComparedQuantity> {
     let of = |what: &dyn Fn(&Side) -> Option<f64>| [what(&rigs[0]), what(&rigs[1])];
     let seconds = |what: fn(&Account) -> Span| of(&|side| Some(what(&side.account).as_secs_f64()));
     let mut rows = vec![
-        Row::new("boards", "", 0, of(&|side| Some(side.account.boards as f64))),
-        Row::new("whole program", "s", 3, of(&|side| Some(side.virtual_s))),
-        Row::new("the PC is held", "s", 3, seconds(|account| account.held)),
+        ComparedQuantity::new("boards", "", 0, of(&|side| Some(side.account.boards as f64))),
+        ComparedQuantity::new("whole program", "s", 3, of(&|side| Some(side.virtual_s))),
+        ComparedQuantity::new("the PC is held", "s", 3, seconds(|account| account.held)),
     ];
     type Of = fn(&Account) -> Spread;
     let spreads: [(&str, Of); 4] = [
@@ -137,29 +137,29 @@ fn rows(rigs: &[Side; 2]) -> Vec<Row> {
             let spread = spread(&side.account);
             spread.mean_s().map(|_| spread.worst.as_secs_f64() * 1e3)
         });
-        rows.push(Row::new(name, "ms", 3, mean));
-        rows.push(Row::new(format!("{name}, longest"), "ms", 3, worst));
+        rows.push(ComparedQuantity::new(name, "ms", 3, mean));
+        rows.push(ComparedQuantity::new(format!("{name}, longest"), "ms", 3, worst));
     }
     rows.extend(axis_rows(rigs));
     for (n, name) in ["from the PC", "to the PC"].into_iter().enumerate() {
-        rows.push(Row::new(name, "bytes", 0, of(&|side| Some(side.account.pc_bytes[n] as f64))));
+        rows.push(ComparedQuantity::new(name, "bytes", 0, of(&|side| Some(side.account.pc_bytes[n] as f64))));
     }
     let between = |side: &Side| side.account.bytes.values().sum::<u64>() as f64;
-    rows.push(Row::new("between boards", "bytes", 0, of(&|side| Some(between(side)))));
+    rows.push(ComparedQuantity::new("between boards", "bytes", 0, of(&|side| Some(between(side)))));
     let lines = union(rigs, |account| account.bytes.keys().cloned().collect());
     for line in lines {
         let bytes = of(&|side| side.account.bytes.get(&line).map(|bytes| *bytes as f64));
-        rows.push(Row::new(format!("  {line}"), "bytes", 0, bytes));
+        rows.push(ComparedQuantity::new(format!("  {line}"), "bytes", 0, bytes));
     }
     rows
 }
 
-fn axis_rows(rigs: &[Side; 2]) -> Vec<Row> {
+fn axis_rows(rigs: &[Side; 2]) -> Vec<ComparedQuantity> {
     let names = union(rigs, |account| account.axes.iter().map(|axis| axis.name.clone()).collect());
     let row = |name: &String, what: &str, of: fn(&Axis) -> Option<i64>| {
         let found = |side: &Side| side.account.axes.iter().find(|axis| axis.name == *name).and_then(of);
         let values = [0, 1].map(|n: usize| found(&rigs[n]).map(|value| value as f64));
-        let row = Row::new(format!("{name}: {what}"), "counts", 0, values);
+        let row = ComparedQuantity::new(format!("{name}: {what}"), "counts", 0, values);
         row.values.iter().any(Option::is_some).then_some(row)
     };
     let following = names.iter().filter_map(|name| row(name, "worst following error", |axis| axis.following_error));
@@ -182,8 +182,8 @@ mod tests {
 
     #[test]
     fn what_one_rig_has_not_has_neither_difference_nor_ratio() {
-        let row = |values| Row::new("bytes", "", 0, values);
-        let found = |row: Row| (row.difference, row.ratio);
+        let row = |values| ComparedQuantity::new("bytes", "", 0, values);
+        let found = |row: ComparedQuantity| (row.difference, row.ratio);
         assert_eq!(found(row([Some(4.0), Some(1.0)])), (Some(-3.0), Some(0.25)));
         assert_eq!(found(row([Some(0.0), Some(1.0)])), (Some(1.0), None));
         assert_eq!(found(row([Some(-2.0), Some(1.0)])), (Some(3.0), None), "a ratio of what?");

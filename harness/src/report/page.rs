@@ -7,7 +7,7 @@ use torno_plot::{Chart, Row, Series, Style, escaped};
 use super::part::sizes;
 use super::physical::Physical;
 use super::series::{Course, Courses, Motion, decimated, lasting};
-use super::timeline::{Bus, PC_HELD, Said};
+use super::timeline::{Bus, BusMessage, PC_HELD};
 use super::{Cut, FaultSummary, Shares, Stats, Summary};
 use crate::session::INTERRUPTED;
 use crate::speed::with_speeds;
@@ -248,7 +248,7 @@ impl Page<'_> {
     }
 
     fn write_said(html: &mut String, bus: &Bus<'_>) -> fmt::Result {
-        let mut said: Vec<&Said> = bus.lines.iter().flat_map(|line| bus.said(*line)).collect();
+        let mut said: Vec<&BusMessage> = bus.lines.iter().flat_map(|line| bus.said(*line)).collect();
         said.sort_by_key(|said| said.at);
         if said.is_empty() {
             return Ok(());

@@ -13,7 +13,7 @@ use torno_engine::LineId;
 use torno_protocol::layout::{Layout, LineLayout};
 use torno_trace::Trace;
 use torno_trace::analyser::rows;
-use torno_trace::rows::{Filter, Kind, Place, Wanted};
+use torno_trace::rows::{Filter, Kind, RowPlace, Wanted};
 
 /// More marks than this are not drawn, in all lanes together: those of a column become one.
 const MOST: u64 = 8_000;
@@ -27,7 +27,7 @@ const LONGEST: f64 = 0.050;
 
 /// Something on a line.
 #[derive(Clone, Debug)]
-pub(super) struct Said {
+pub(super) struct BusMessage {
     /// When it was complete.
     pub(super) at: Instant,
     /// Where.
@@ -38,7 +38,7 @@ pub(super) struct Said {
     pub(super) flaw: bool,
 }
 
-impl Said {
+impl BusMessage {
     /// How it looks: words with something to say, single words of control, what is wrong.
     fn class(&self) -> &'static str {
         match self.text.chars().next() {
@@ -93,9 +93,9 @@ pub(super) struct Bus<'a> {
     /// The lines, link by link, the PC's first.
     pub(super) lines: Vec<LineId>,
     /// The characters, in order of time.
-    pub(super) characters: Vec<Said>,
+    pub(super) characters: Vec<BusMessage>,
     /// The messages, in order of time.
-    pub(super) messages: Vec<Said>,
+    pub(super) messages: Vec<BusMessage>,
     /// What was done to the rig from outside.
     pub(super) inputs: Vec<(Instant, String)>,
     /// What was on and off.
@@ -113,10 +113,10 @@ impl<'a> Bus<'a> {
         for row in rows {
             let (at, text, flaw) = (row.at, row.what(), row.is_flaw());
             match (row.place, row.kind()) {
-                (Place::Line(line), Kind::Characters) => characters.push(Said { at, line, text, flaw }),
-                (Place::Line(line), Kind::Frames) => messages.push(Said { at, line, text, flaw }),
+                (RowPlace::Line(line), Kind::Characters) => characters.push(BusMessage { at, line, text, flaw }),
+                (RowPlace::Line(line), Kind::Frames) => messages.push(BusMessage { at, line, text, flaw }),
                 // What the PC writes is on its line.
-                (Place::Board(board), Kind::Inputs) if layout.boards[board].is_gateway() => {}
+                (RowPlace::Board(board), Kind::Inputs) if layout.boards[board].is_gateway() => {}
                 (place, Kind::Inputs) => inputs.push((at, format!("{}: {text}", place.name(header)))),
                 _ => {}
             }
@@ -140,8 +140,8 @@ impl<'a> Bus<'a> {
     }
 
     /// What is to be shown of a line: its messages, or its characters, if nobody understands them.
-    pub(super) fn said(&self, line: LineId) -> Vec<&Said> {
-        let messages: Vec<&Said> = self.messages.iter().filter(|said| said.line == line).collect();
+    pub(super) fn said(&self, line: LineId) -> Vec<&BusMessage> {
+        let messages: Vec<&BusMessage> = self.messages.iter().filter(|said| said.line == line).collect();
         if messages.is_empty() { self.characters.iter().filter(|said| said.line == line).collect() } else { messages }
     }
 
@@ -175,8 +175,8 @@ impl<'a> Bus<'a> {
             }
         }
         if !self.inputs.is_empty() {
-            let said = |(at, text): &(Instant, String)| Said { at: *at, line: 0, text: text.clone(), flaw: true };
-            let said: Vec<Said> = self.inputs.iter().map(said).collect();
+            let said = |(at, text): &(Instant, String)| BusMessage { at: *at, line: 0, text: text.clone(), flaw: true };
+            let said: Vec<BusMessage> = self.inputs.iter().map(said).collect();
             let data = self.marks(&said.iter().collect::<Vec<_>>(), columns);
             let label = "from outside".to_owned();
             rows.push(Row { label, height: 22, gap: 14, data, ..Row::default() });
@@ -195,7 +195,7 @@ impl<'a> Bus<'a> {
     }
 
     /// A mark for each thing, or for all of a kind that one column would show in one place.
-    fn marks(&self, said: &[&Said], columns: u64) -> String {
+    fn marks(&self, said: &[&BusMessage], columns: u64) -> String {
         let mut svg = String::new();
         let until = u128::from(self.until.as_nanos().max(1));
         let column = |at: Instant| u128::from(at.as_nanos()) * u128::from(columns) / until;
@@ -241,7 +241,7 @@ impl<'a> Bus<'a> {
 
     /// From where to where it is shown close up, in seconds: what the PC said first, and what came of it at once.
     fn first_burst(&self) -> Option<(f64, f64)> {
-        let outside = |said: &Said| self.layout.sends_outside(&self.layout.lines[said.line]);
+        let outside = |said: &BusMessage| self.layout.sends_outside(&self.layout.lines[said.line]);
         let first = self.characters.iter().position(outside)?;
         let begin = self.characters[first].at.as_secs_f64() - self.character_s(self.characters[first].line);
         let mut end = self.characters[first].at.as_secs_f64();
@@ -261,15 +261,16 @@ impl<'a> Bus<'a> {
     pub(super) fn close_up(&self) -> Option<Chart> {
         let range = self.first_burst()?;
         let x = |seconds: f64| (seconds - range.0) / (range.1 - range.0) * f64::from(Row::ALONG);
-        let within = |said: &&Said| (range.0..=range.1).contains(&said.at.as_secs_f64());
+        let within = |said: &&BusMessage| (range.0..=range.1).contains(&said.at.as_secs_f64());
         let mut rows = Vec::new();
         for line in &self.lines {
-            let characters: Vec<&Said> =
+            let characters: Vec<&BusMessage> =
                 self.characters.iter().filter(|said| said.line == *line).filter(within).collect();
             if characters.is_empty() {
                 continue;
             }
-            let messages: Vec<&Said> = self.messages.iter().filter(|said| said.line == *line).filter(within).collect();
+            let messages: Vec<&BusMessage> =
+                self.messages.iter().filter(|said| said.line == *line).filter(within).collect();
             let length = self.character_s(*line);
             let mut data = String::new();
             for said in &characters {

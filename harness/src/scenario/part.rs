@@ -6,7 +6,7 @@ use std::ops::Range;
 
 use serde::Deserialize;
 use toml::Spanned;
-use torno_part::{Event, Profile, deviation, is_within};
+use torno_part::{Profile, Violation, deviation, is_within};
 use torno_protocol::lathe::Program;
 
 use crate::rig::file::RigFile;
@@ -22,7 +22,7 @@ pub struct PartExpected {
     /// Diameters that it must have at the end.
     pub diameters: Vec<Diameter>,
     /// What must not happen on the way.
-    pub never: Vec<Event>,
+    pub never: Vec<Violation>,
 }
 
 /// A diameter of a part at a place: of its bore, if the tool cuts that.
@@ -108,16 +108,16 @@ impl fmt::Display for AsAsked {
     }
 }
 
-fn event(name: &Spanned<String>, part: &Part) -> Result<Event, Complaint> {
-    let known = Event::ALL.map(Event::name);
-    let event = Event::ALL.into_iter().find(|event| event.name() == name.get_ref()).ok_or_else(|| {
+fn event(name: &Spanned<String>, part: &Part) -> Result<Violation, Complaint> {
+    let known = Violation::ALL.map(Violation::name);
+    let event = Violation::ALL.into_iter().find(|event| event.name() == name.get_ref()).ok_or_else(|| {
         let message = format!("there is no event '{}' of a part{}", name.get_ref(), nearest(name.get_ref(), &known));
         (name.span(), message)
     })?;
-    if event == Event::Deep && part.limits.depth.is_none() {
+    if event == Violation::Deep && part.limits.depth.is_none() {
         return Err((name.span(), "on this rig no cut is too deep: expected deepest_mm in its [part]".to_owned()));
     }
-    if event == Event::Wall && part.bore == 0.0 {
+    if event == Violation::Wall && part.bore == 0.0 {
         return Err((name.span(), "on this rig no wall is cut through: expected bore_mm in its [part]".to_owned()));
     }
     Ok(event)

@@ -106,7 +106,7 @@ pub struct TestReport {
 }
 
 #[derive(Serialize)]
-struct Line<'a> {
+struct TestedScenario<'a> {
     name: &'a str,
     path: &'a str,
     seed: u64,
@@ -239,9 +239,9 @@ impl fmt::Display for TestReport {
     }
 }
 
-fn line(tested: &Tested) -> Line<'_> {
+fn line(tested: &Tested) -> TestedScenario<'_> {
     let Tested { path, name, seed, drawn, outcome, wall } = tested;
-    Line {
+    TestedScenario {
         name,
         path,
         seed: *seed,

@@ -1,6 +1,6 @@
 //! Contouring: two stands as the axes of one machine, driven along a path.
 
-use torno_servo::contour::{Axes, Place, Shape, Task};
+use torno_servo::contour::{Axes, Point, Shape, Task};
 
 use super::controller::{Controller, ControllerError, Ended, Gain};
 use super::line::RigLine;
@@ -24,7 +24,7 @@ pub struct Contour {
     /// The axes.
     pub axes: Axes,
     /// Where the axes were at each tick.
-    pub driven: Vec<Place>,
+    pub driven: Vec<Point>,
     /// How far that leaves the path, in mm.
     pub measured: f64,
     /// What the formulas say: without and with the motors' lag.
@@ -58,7 +58,7 @@ pub async fn drive(file: &RigFile, task: Task, kx: [u8; 2], tau_s: f64) -> Resul
         }
     }
     let [x, y] = axes;
-    let driven: Vec<Place> = x.into_iter().zip(y).collect();
+    let driven: Vec<Point> = x.into_iter().zip(y).collect();
     let axes = Axes { kv: kx.map(|kx| f64::from(kx) / SIXTEENTHS * COUNTS_PER_S_PER_LSB), tau_s };
     Ok(Contour {
         task,
@@ -126,7 +126,7 @@ impl Contour {
 
 /// The height at which a millimetre is as long upwards as along, about.
 fn to_scale(series: &[Series]) -> f64 {
-    let extent = |of: fn(&Place) -> f64| {
+    let extent = |of: fn(&Point) -> f64| {
         let all = series.iter().flat_map(|series| series.points.iter().map(of));
         let (least, most) = all.fold((f64::MAX, f64::MIN), |(least, most), at| (least.min(at), most.max(at)));
         (most - least).max(f64::MIN_POSITIVE)

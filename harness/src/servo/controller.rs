@@ -6,7 +6,7 @@ use torno_protocol::servo::{Command, GAP, INCREMENTS_MAX, PAUSE, PRESENT, shown}
 use torno_protocol::time::Span;
 use torno_servo::Unwrapped;
 
-use super::line::{Line, LineError};
+use super::line::{LineError, ServoLine};
 
 /// How long an answer may take: a USB adapter holds bytes back for 16 ms, and a computer may be busy. (Ours.)
 const PATIENCE: Duration = Duration::from_millis(500);
@@ -128,7 +128,7 @@ pub struct Controller<L> {
     line: L,
 }
 
-impl<L: Line> Controller<L> {
+impl<L: ServoLine> Controller<L> {
     /// One that has not been asked yet whether it is there.
     pub const fn on(line: L) -> Self {
         Self { line }

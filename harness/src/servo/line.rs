@@ -40,7 +40,7 @@ pub enum LineError {
 }
 
 /// A serial line as seen from the PC.
-pub trait Line {
+pub trait ServoLine {
     /// Sends bytes, and tells of each part that has gone; returns when all are on the line.
     fn send(&mut self, bytes: &[u8], gone: impl FnMut(usize)) -> impl Future<Output = Result<(), LineError>>;
 
@@ -159,7 +159,7 @@ impl RigLine {
     }
 }
 
-impl Line for RigLine {
+impl ServoLine for RigLine {
     async fn send(&mut self, bytes: &[u8], mut gone: impl FnMut(usize)) -> Result<(), LineError> {
         self.queued += bytes.len();
         let pc = self.session.rig().pc();
@@ -197,14 +197,14 @@ fn span(time: Duration) -> Span {
 
 /// A serial port of this computer.
 #[derive(Debug)]
-pub struct SerialLine {
+pub struct SerialDevice {
     port: SerialStream,
     name: String,
     /// When the line will have sent all that it has been given.
     free_at: tokio::time::Instant,
 }
 
-impl SerialLine {
+impl SerialDevice {
     /// Opens a port, at the controller's speed. It is released when this is dropped.
     ///
     /// # Errors
@@ -221,7 +221,7 @@ impl SerialLine {
     }
 }
 
-impl Line for SerialLine {
+impl ServoLine for SerialDevice {
     async fn send(&mut self, bytes: &[u8], mut gone: impl FnMut(usize)) -> Result<(), LineError> {
         self.free_at = self.free_at.max(tokio::time::Instant::now());
         for portion in bytes.chunks(PORTION) {

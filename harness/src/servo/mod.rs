@@ -10,5 +10,5 @@ pub mod line;
 pub mod report;
 
 pub use controller::{Controller, ControllerError, Ended, Gain, Sample};
-pub use line::{Line, LineError, RigLine, SerialLine};
+pub use line::{LineError, RigLine, SerialDevice, ServoLine};
 pub use report::Report;

@@ -44,13 +44,13 @@ impl Verdict {
 #[derive(Clone, Debug, Default)]
 pub struct Table {
     columns: Vec<String>,
-    rows: Vec<Row>,
+    rows: Vec<Combination>,
     places: BTreeMap<Vec<String>, usize>,
 }
 
 /// The counts of one combination of values.
 #[derive(Clone, Debug)]
-struct Row {
+struct Combination {
     values: Vec<String>,
     verdicts: [u64; 4],
     /// The line errors of all its runs, if they were counted in each.
@@ -73,7 +73,7 @@ impl Table {
             None => {
                 self.columns = run.values.iter().map(|(path, _)| path.clone()).collect();
                 self.places.insert(values.clone(), self.rows.len());
-                self.rows.push(Row { values, verdicts: [0; 4], line_errors: Some(0) });
+                self.rows.push(Combination { values, verdicts: [0; 4], line_errors: Some(0) });
                 self.rows.len() - 1
             }
         };
@@ -84,7 +84,9 @@ impl Table {
 
     /// Whether each combination of values has passed at least once, and none has failed.
     pub fn passed(&self) -> bool {
-        self.rows.iter().all(|Row { verdicts: [passed, told, untold, _], .. }| *passed > 0 && told + untold == 0)
+        self.rows
+            .iter()
+            .all(|Combination { verdicts: [passed, told, untold, _], .. }| *passed > 0 && told + untold == 0)
     }
 
     fn cells(&self, verdicts: usize) -> Vec<Vec<String>> {
@@ -92,7 +94,7 @@ impl Table {
         let counted = self.rows.iter().any(|row| row.line_errors.is_some());
         let last = counted.then(|| "line errors".to_owned());
         let head = self.columns.iter().cloned().chain(heads.into_iter().take(1 + verdicts)).chain(last).collect();
-        let row = |Row { values, verdicts: counts, line_errors }: &Row| {
+        let row = |Combination { values, verdicts: counts, line_errors }: &Combination| {
             let total = counts.iter().sum::<u64>();
             let errors = counted.then(|| line_errors.map_or_else(|| "-".to_owned(), |errors| errors.to_string()));
             let counts = [total].into_iter().chain(counts[..verdicts].iter().copied());

@@ -9,7 +9,7 @@ use torno_protocol::time::Instant;
 
 use super::Trace;
 use super::analyser::rows;
-use super::rows::{Filter, Place, Row, UnknownName, Wanted};
+use super::rows::{Filter, Row, RowPlace, UnknownName, Wanted};
 use torno_bus::{Dialects, Readers};
 use torno_engine::Fact;
 
@@ -91,10 +91,10 @@ enum Name {
 }
 
 impl Name {
-    fn place_in(&self, trace: &Trace) -> Option<Place> {
+    fn place_in(&self, trace: &Trace) -> Option<RowPlace> {
         match self {
-            Self::Line(name) => trace.header.layout.line(name).map(Place::Line),
-            Self::Board(name) => trace.header.layout.board(name).map(Place::Board),
+            Self::Line(name) => trace.header.layout.line(name).map(RowPlace::Line),
+            Self::Board(name) => trace.header.layout.board(name).map(RowPlace::Board),
         }
     }
 
@@ -149,10 +149,10 @@ struct Streams<'a> {
 }
 
 impl<'a> Streams<'a> {
-    fn of(&self, place: Place) -> &Vec<Moment<'a>> {
+    fn of(&self, place: RowPlace) -> &Vec<Moment<'a>> {
         match place {
-            Place::Line(line) => &self.lines[line],
-            Place::Board(board) => &self.boards[board],
+            RowPlace::Line(line) => &self.lines[line],
+            RowPlace::Board(board) => &self.boards[board],
         }
     }
 }
@@ -177,14 +177,14 @@ fn streams(trace: &Trace) -> Streams<'_> {
 }
 
 /// What a moment is, and of which character and message it is a part.
-fn side(trace: &Trace, place: Option<Place>, moment: Moment<'_>, dialects: Dialects) -> Side {
+fn side(trace: &Trace, place: Option<RowPlace>, moment: Moment<'_>, dialects: Dialects) -> Side {
     let at = moment.at();
     let what = match moment {
         Moment::Other(fact) => Row::of_fact(&trace.header, fact).first().map_or_else(String::new, Row::what),
         Moment::Edge { level, .. } => {
             let mut what = format!("the line goes {}", if level == Level::High { "high" } else { "low" });
             let heard = trace.characters();
-            let on_line = |line: usize| place == Some(Place::Line(line));
+            let on_line = |line: usize| place == Some(RowPlace::Line(line));
             if let Some(character) = heard.iter().find(|heard| on_line(heard.line) && heard.at >= at) {
                 what += &format!(", in character {}", Row::character(character).what());
                 let messages = Readers::new(&trace.header.layout, dialects).messages(&heard);

@@ -112,8 +112,8 @@ impl Filter {
     /// Whether a row is shown.
     pub(super) fn shows(&self, row: &Row) -> bool {
         let place = match row.place {
-            Place::Line(line) => self.lines[line],
-            Place::Board(board) => self.boards[board],
+            RowPlace::Line(line) => self.lines[line],
+            RowPlace::Board(board) => self.boards[board],
         };
         place && self.kinds.contains(&row.kind()) && self.from <= row.at && row.at <= self.to
     }
@@ -129,14 +129,14 @@ fn chosen(what: &'static str, known: &[&str], asked: &[String]) -> Result<Vec<bo
 
 /// Where something happened.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Place {
+pub enum RowPlace {
     /// On a line.
     Line(LineId),
     /// On a board.
     Board(NodeId),
 }
 
-impl Place {
+impl RowPlace {
     /// Its name.
     pub fn name(self, header: &Header) -> &str {
         match self {
@@ -152,7 +152,7 @@ pub struct Row {
     /// When.
     pub at: Instant,
     /// Where.
-    pub place: Place,
+    pub place: RowPlace,
     content: Content,
 }
 
@@ -183,13 +183,13 @@ impl Row {
 
     /// A row for a character.
     pub fn character(heard: &LineCharacter) -> Self {
-        Self { at: heard.at, place: Place::Line(heard.line), content: Content::Character(heard.character) }
+        Self { at: heard.at, place: RowPlace::Line(heard.line), content: Content::Character(heard.character) }
     }
 
     /// A row for a message.
     pub(super) fn message(message: Message) -> Self {
         let Message { at, line, text, flaw } = message;
-        Self { at, place: Place::Line(line), content: Content::Message { text, flaw } }
+        Self { at, place: RowPlace::Line(line), content: Content::Message { text, flaw } }
     }
 
     /// Rows for a fact: one for each edge, or one.
@@ -198,24 +198,24 @@ impl Row {
         match fact {
             Fact::Edges { line, edges } => edges
                 .iter()
-                .map(|edge| Self { at: edge.at, place: Place::Line(*line), content: Content::Edge(edge.level) })
+                .map(|edge| Self { at: edge.at, place: RowPlace::Line(*line), content: Content::Edge(edge.level) })
                 .collect(),
             Fact::Telemetry { node, at, signal, value } => {
                 let signal = description(*node).signals.get(usize::from(*signal));
                 let quantity = signal.map_or_else(|| "?".to_owned(), |signal| signal.name.clone());
                 let content = Content::Telemetry { quantity, value: *value };
-                vec![Self { at: *at, place: Place::Board(*node), content }]
+                vec![Self { at: *at, place: RowPlace::Board(*node), content }]
             }
             Fact::Event { node, at, event, value } => {
                 let text = description(*node).events.get(usize::from(*event));
                 let text = text.map_or_else(|| format!("event {event}, {value}"), |text| event_text(text, *value));
-                vec![Self { at: *at, place: Place::Board(*node), content: Content::Event { text } }]
+                vec![Self { at: *at, place: RowPlace::Board(*node), content: Content::Event { text } }]
             }
             Fact::Pin { node, at, pin, what } => {
                 let known = description(*node).pins.get(usize::from(*pin));
                 let name = known.map_or("?", |pin| pin.name.as_str());
                 let content = Content::Pin { text: format!("{name}: {}", output_text(*what)) };
-                vec![Self { at: *at, place: Place::Board(*node), content }]
+                vec![Self { at: *at, place: RowPlace::Board(*node), content }]
             }
         }
     }
@@ -224,15 +224,15 @@ impl Row {
     pub(super) fn of_input(header: &Header, input: &Input) -> Self {
         let (place, text) = match &input.what {
             InputKind::Stimulus { board, stimulus } => {
-                (Place::Board(*board), stimulus_text(&header.layout.boards[*board].description, stimulus))
+                (RowPlace::Board(*board), stimulus_text(&header.layout.boards[*board].description, stimulus))
             }
             InputKind::Disturbed { line, fault, disturbance } => {
-                (Place::Line(*line), format!("fault {fault}: {}", disturbance_text(header, disturbance)))
+                (RowPlace::Line(*line), format!("fault {fault}: {}", disturbance_text(header, disturbance)))
             }
-            InputKind::Healed { line, fault } => (Place::Line(*line), format!("fault {fault} ends")),
-            InputKind::Stopped { board, .. } => (Place::Board(*board), "process stopped: hangs".to_owned()),
-            InputKind::Continued { board } => (Place::Board(*board), "process continued".to_owned()),
-            InputKind::Died { board, .. } => (Place::Board(*board), "process died".to_owned()),
+            InputKind::Healed { line, fault } => (RowPlace::Line(*line), format!("fault {fault} ends")),
+            InputKind::Stopped { board, .. } => (RowPlace::Board(*board), "process stopped: hangs".to_owned()),
+            InputKind::Continued { board } => (RowPlace::Board(*board), "process continued".to_owned()),
+            InputKind::Died { board, .. } => (RowPlace::Board(*board), "process died".to_owned()),
         };
         Self { at: input.at, place, content: Content::Input { text } }
     }
@@ -292,8 +292,8 @@ impl Row {
         let mut row = json!({ "ns": self.at.as_nanos(), "kind": self.kind().name() });
         let place = self.place.name(header);
         match self.place {
-            Place::Line(_) => row["line"] = place.into(),
-            Place::Board(_) => row["board"] = place.into(),
+            RowPlace::Line(_) => row["line"] = place.into(),
+            RowPlace::Board(_) => row["board"] = place.into(),
         }
         match &self.content {
             Content::Edge(level) => row["level"] = u8::from(*level == Level::High).into(),
@@ -403,7 +403,7 @@ fn disturbance_text(header: &Header, disturbance: &Disturbance) -> String {
         Disturbance::Cut => "is cut".to_owned(),
         Disturbance::Stuck(Level::Low) => "is stuck low".to_owned(),
         Disturbance::Stuck(Level::High) => "is stuck high".to_owned(),
-        Disturbance::Short(other) => format!("touches {}", Place::Line(*other).name(header)),
+        Disturbance::Short(other) => format!("touches {}", RowPlace::Line(*other).name(header)),
         Disturbance::Noise { period, width, seed } => {
             format!("noise, a pulse of up to {width} every {period}, seed {seed}")
         }

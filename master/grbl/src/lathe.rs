@@ -56,7 +56,7 @@ enum Homing {
 
 /// How far a frame goes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-struct Way {
+struct Travel {
     slots: i32,
     counts: i32,
     /// Units of the feed.
@@ -66,7 +66,7 @@ struct Way {
 /// A frame that the master has.
 #[derive(Clone, Copy, Debug)]
 struct Flight {
-    way: Way,
+    way: Travel,
     since: Instant,
     /// It is given up then.
     until: Instant,
@@ -91,7 +91,7 @@ pub struct Lathe {
     planner: Planner,
     under_way: bool,
     /// What is left of a frame that would take too long, or was refused.
-    rest: Option<Way>,
+    rest: Option<Travel>,
     /// How often the next frame has been refused.
     tries: u32,
     overrides: Overrides,
@@ -167,7 +167,7 @@ impl Lathe {
     }
 
     /// The carriage and the slide have gone so far.
-    fn advance(&mut self, way: Way) {
+    fn advance(&mut self, way: Travel) {
         self.at.count += i64::from(way.counts);
         self.at.slot += i64::from(way.slots);
         if way.slots != 0 {
@@ -184,7 +184,7 @@ impl Lathe {
         }
         let rest = self.rest.unwrap_or_default();
         self.tries = tries + 1;
-        self.rest = Some(Way {
+        self.rest = Some(Travel {
             slots: way.slots + rest.slots,
             counts: way.counts + rest.counts,
             speed: way.speed.max(rest.speed),
@@ -249,7 +249,7 @@ impl Lathe {
             return;
         }
         if self.spindle != self.told {
-            return self.send(now, Way::default());
+            return self.send(now, Travel::default());
         }
         match self.mode {
             Mode::Stands => {}
@@ -269,7 +269,7 @@ impl Lathe {
     }
 
     /// The next frame of the motions, as long as it may take.
-    fn next_frame(&mut self) -> Option<Way> {
+    fn next_frame(&mut self) -> Option<Travel> {
         let way = match self.rest.take() {
             Some(way) => way,
             None => self.planned()?,
@@ -277,13 +277,13 @@ impl Lathe {
         let jogs = self.motions.front().is_some_and(|motion| matches!(motion.rate, Rate::Jog(_)));
         let longest = if jogs { self.jog } else { self.hold };
         let now = self.part(way, longest);
-        let rest = Way { slots: way.slots - now.slots, counts: way.counts - now.counts, speed: way.speed };
+        let rest = Travel { slots: way.slots - now.slots, counts: way.counts - now.counts, speed: way.speed };
         self.rest = Some(rest).filter(|rest| (rest.slots, rest.counts) != (0, 0));
         Some(now)
     }
 
     /// The next frame of the plan.
-    fn planned(&mut self) -> Option<Way> {
+    fn planned(&mut self) -> Option<Travel> {
         loop {
             let planned = self.planner.poll().or_else(|| {
                 self.planner.flush();
@@ -343,16 +343,16 @@ impl Lathe {
     }
 
     /// What of a frame can be done in that time.
-    fn part(&self, way: Way, longest: Span) -> Way {
+    fn part(&self, way: Travel, longest: Span) -> Travel {
         let speed = self.overridden(way.speed);
         let seconds = longest.as_nanos() as f64 / 1e9;
         let counts = (seconds / self.scale.feed.sample_s * f64::from(speed)).max(1.0) as i32;
         let slots = (seconds * self.slots_per_s()).max(1.0) as i32;
-        Way { slots: way.slots.clamp(-slots, slots), counts: way.counts.clamp(-counts, counts), speed }
+        Travel { slots: way.slots.clamp(-slots, slots), counts: way.counts.clamp(-counts, counts), speed }
     }
 
     /// How long a frame takes by its profile, one axis after the other.
-    fn time(&self, way: Way) -> Span {
+    fn time(&self, way: Travel) -> Span {
         let counts = f64::from(way.counts.abs()) / f64::from(way.speed.max(1)) * self.scale.feed.sample_s;
         let slots = f64::from(way.slots.abs()) / self.slots_per_s();
         Span::from_nanos(((counts + slots) * 1e9) as u64)
@@ -373,7 +373,7 @@ impl Lathe {
         units.clamp(1, u32::from(TransverseSubFrame::SPEED_MAX)) as u8
     }
 
-    fn send(&mut self, now: Instant, way: Way) {
+    fn send(&mut self, now: Instant, way: Travel) {
         let Ok(frame) = Frame::moving(self.spindle, way.counts, way.speed, way.slots) else {
             return self.fail(Alarm::Aborted);
         };
@@ -390,7 +390,7 @@ impl Lathe {
     fn home_on(&mut self, now: Instant, homing: Homing) {
         let along = |axis: usize, way: i32| {
             let (slots, counts) = if axis == X { (way, 0) } else { (0, way) };
-            Way { slots, counts, speed: TransverseSubFrame::SPEED_MAX }
+            Travel { slots, counts, speed: TransverseSubFrame::SPEED_MAX }
         };
         match homing {
             Homing::Seek(axis) => {
@@ -419,14 +419,14 @@ impl Lathe {
     }
 
     /// How far the frame under way has got, as its profile says.
-    fn moved(&self, now: Instant) -> Way {
+    fn moved(&self, now: Instant) -> Travel {
         let Some(Flight { way, since, .. }) = self.flight.filter(|flight| !flight.failed) else {
-            return Way::default();
+            return Travel::default();
         };
         let seconds = now.since(since).as_nanos() as f64 / 1e9;
         let counted = (seconds / self.scale.feed.sample_s * f64::from(way.speed)) as i32;
         let slid = (seconds * self.slots_per_s()) as i32;
-        Way {
+        Travel {
             slots: way.slots.signum() * slid.min(way.slots.abs()),
             counts: way.counts.signum() * counted.min(way.counts.abs()),
             speed: way.speed,
@@ -507,8 +507,8 @@ impl Machine for Lathe {
     fn rate(&self, _: Instant) -> f32 {
         let Some(flight) = &self.flight else { return 0.0 };
         match flight.way {
-            Way { slots: 0, counts: 0, .. } => 0.0,
-            Way { slots: 0, speed, .. } => (f64::from(speed) * self.scale.feed.unit()) as f32,
+            Travel { slots: 0, counts: 0, .. } => 0.0,
+            Travel { slots: 0, speed, .. } => (f64::from(speed) * self.scale.feed.unit()) as f32,
             _ => (self.scale.infeed.mm_per_s * 60.0) as f32,
         }
     }
@@ -602,8 +602,8 @@ fn planner(scale: Scale, at: Standing) -> Planner {
 }
 
 /// How far a frame goes.
-fn way_of(Frame { transverse, depth, .. }: &Frame) -> Way {
-    Way {
+fn way_of(Frame { transverse, depth, .. }: &Frame) -> Travel {
+    Travel {
         slots: depth.direction().sign() as i32 * i32::from(depth.distance()),
         counts: transverse.direction().sign() as i32 * i32::from(transverse.distance()),
         speed: transverse.speed(),

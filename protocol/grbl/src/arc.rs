@@ -4,7 +4,7 @@ use core::f64::consts::TAU;
 
 use crate::axes::Axes;
 use crate::code::Code;
-use crate::path::{Line, Rate};
+use crate::path::{Rate, Straight};
 
 /// A turn that is less than this, rad, is a full one.
 const LEAST_TURN: f64 = 5e-7;
@@ -87,15 +87,15 @@ impl Arc {
 }
 
 impl Iterator for Arc {
-    type Item = Line;
+    type Item = Straight;
 
-    fn next(&mut self) -> Option<Line> {
+    fn next(&mut self) -> Option<Straight> {
         if self.done == self.lines {
             return None;
         }
         self.done += 1;
         if self.done == self.lines {
-            return Some(Line { to: self.to, rate: self.rate });
+            return Some(Straight { to: self.to, rate: self.rate });
         }
         let share = f64::from(self.done) / f64::from(self.lines);
         let (sin, cos) = libm::sincos(self.turn * share);
@@ -108,7 +108,7 @@ impl Iterator for Arc {
         });
         to[a] = self.from[a] + (i - i * cos + j * sin) as f32;
         to[b] = self.from[b] + (j - i * sin - j * cos) as f32;
-        Some(Line { to, rate: self.rate })
+        Some(Straight { to, rate: self.rate })
     }
 }
 

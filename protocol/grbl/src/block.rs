@@ -8,7 +8,7 @@ use crate::code::Code;
 use crate::memory::{Memory, SYSTEMS};
 use crate::modal::{FeedMode, Modal, Motion, Spindle};
 use crate::number;
-use crate::path::{Line, Rate};
+use crate::path::{Rate, Straight};
 use crate::steps::Step;
 use crate::words::{AxisCommand, Flow, Once, Words};
 
@@ -344,7 +344,7 @@ impl<'a> Reader<'a> {
         if self.memory.settings.soft_limits() && self.memory.settings.is_beyond(target) {
             return Err(Code::TravelExceeded);
         }
-        let line = Line { to: target, rate: Rate::Jog(self.now.feed) };
+        let line = Straight { to: target, rate: Rate::Jog(self.now.feed) };
         self.now = Modal { position: target, ..self.before.clone() };
         Ok(Block { steps: VecDeque::from([Step::Line(line)]), modal: self.now })
     }
@@ -434,7 +434,7 @@ impl<'a> Reader<'a> {
             Some(Once::SetHome(home)) => steps.push_back(Step::Home { home, place: self.before.position }),
             Some(Once::GoHome(home)) => {
                 if self.axis_command.is_some() {
-                    steps.push_back(Step::Line(Line { to: checked.target, rate: Rate::Rapid }));
+                    steps.push_back(Step::Line(Straight { to: checked.target, rate: Rate::Rapid }));
                 }
                 let mut place = self.memory.homes[home];
                 if self.words.has_axes() {
@@ -442,7 +442,7 @@ impl<'a> Reader<'a> {
                         place[axis] = self.before.position[axis];
                     }
                 }
-                steps.push_back(Step::Line(Line { to: place, rate: Rate::Rapid }));
+                steps.push_back(Step::Line(Straight { to: place, rate: Rate::Rapid }));
                 self.now.position = place;
             }
             _ => {}
@@ -458,14 +458,14 @@ impl<'a> Reader<'a> {
         };
         steps.push_back(match self.now.motion {
             Motion::None => return,
-            Motion::Rapid => Step::Line(Line { to, rate: Rate::Rapid }),
-            Motion::Linear => Step::Line(Line { to, rate: feed }),
+            Motion::Rapid => Step::Line(Straight { to, rate: Rate::Rapid }),
+            Motion::Linear => Step::Line(Straight { to, rate: feed }),
             Motion::Arc { clockwise } => {
                 let tolerance = self.memory.settings.arc_tolerance();
                 let plane = self.now.plane_axes();
                 Step::Arc(Arc::new(self.before.position, to, plane, checked.offset, clockwise, tolerance, feed))
             }
-            Motion::Probe(probe) => Step::Probe { probe, line: Line { to, rate: feed } },
+            Motion::Probe(probe) => Step::Probe { probe, line: Straight { to, rate: feed } },
         });
         self.now.position = to;
     }

@@ -18,7 +18,7 @@ enum Skipping {
 
 /// A line that has ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) enum Line {
+pub(crate) enum TextLine {
     /// Without blanks and comments, in capitals.
     Text(Vec<u8>),
     TooLong,
@@ -33,12 +33,12 @@ pub(crate) struct LineReader {
 
 impl LineReader {
     /// Takes a character. CR and LF each end a line.
-    pub(crate) fn take(&mut self, c: u8) -> Option<Line> {
+    pub(crate) fn take(&mut self, c: u8) -> Option<TextLine> {
         match (self.skipping, c) {
             (skipping, b'\n' | b'\r') => {
                 let text = core::mem::take(&mut self.text);
                 self.skipping = Skipping::Nothing;
-                return Some(if skipping == Skipping::Overflow { Line::TooLong } else { Line::Text(text) });
+                return Some(if skipping == Skipping::Overflow { TextLine::TooLong } else { TextLine::Text(text) });
             }
             (Skipping::Comment, b')') => self.skipping = Skipping::Nothing,
             (Skipping::Comment | Skipping::Rest | Skipping::Overflow, _) | (_, 0..=b' ' | b'/') => {}
@@ -55,13 +55,13 @@ impl LineReader {
 mod tests {
     use super::*;
 
-    fn lines(text: &str) -> Vec<Line> {
+    fn lines(text: &str) -> Vec<TextLine> {
         let mut reader = LineReader::default();
         text.bytes().filter_map(|c| reader.take(c)).collect()
     }
 
-    fn text(text: &str) -> Line {
-        Line::Text(text.as_bytes().to_vec())
+    fn text(text: &str) -> TextLine {
+        TextLine::Text(text.as_bytes().to_vec())
     }
 
     #[test]
@@ -75,7 +75,7 @@ mod tests {
     fn a_line_of_eighty_characters_is_too_long() {
         let line = |n| lines(&format!("{}\n", "X".repeat(n)));
         assert_eq!(line(79), [text(&"X".repeat(79))]);
-        assert_eq!(line(80), [Line::TooLong]);
+        assert_eq!(line(80), [TextLine::TooLong]);
         assert_eq!(lines(&format!("{}({})\n", "X".repeat(79), "c".repeat(200))).len(), 1);
     }
 }

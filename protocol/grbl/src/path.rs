@@ -19,7 +19,7 @@ pub enum Rate {
 
 /// A straight motion to `to`, in machine coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Line {
+pub(crate) struct Straight {
     /// Where it ends, mm.
     pub(crate) to: Axes,
     /// How fast.

@@ -3,13 +3,13 @@
 use crate::arc::Arc;
 use crate::axes::Axes;
 use crate::modal::{Probe, Spindle};
-use crate::path::Line;
+use crate::path::Straight;
 
 /// A step of a block. Lines and arcs go into the planner; everything else waits until the machine has done what it was
 /// given before.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Step {
-    Line(Line),
+    Line(Straight),
     Arc(Arc),
     Spindle {
         sense: Spindle,
@@ -33,7 +33,7 @@ pub(crate) enum Step {
     },
     Probe {
         probe: Probe,
-        line: Line,
+        line: Straight,
     },
     Pause,
     End,

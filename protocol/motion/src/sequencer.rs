@@ -23,7 +23,7 @@ const Z: usize = 2;
 
 /// A motion that has not begun.
 #[derive(Clone, Debug)]
-struct Waiting {
+struct QueuedMotion {
     block: Block,
     rapid: bool,
 }
@@ -34,8 +34,8 @@ pub struct Sequencer {
     limits: Limits,
     capacity: usize,
     prescaler: u32,
-    waiting: VecDeque<Waiting>,
-    under_way: Option<(Waiting, Segment)>,
+    waiting: VecDeque<QueuedMotion>,
+    under_way: Option<(QueuedMotion, Segment)>,
     runs: bool,
     overrides: Overrides,
     /// Where the last motion ends.
@@ -89,7 +89,7 @@ impl Sequencer {
             (false, _) => vec![steps],
         };
         let blocks = parts.into_iter().filter_map(|steps| Block::new(steps, rate, &self.limits));
-        self.waiting.extend(blocks.map(|(block, _)| Waiting { block, rapid }));
+        self.waiting.extend(blocks.map(|(block, _)| QueuedMotion { block, rapid }));
         if self.runs && self.under_way.is_none() {
             self.begin(now);
         }
@@ -117,7 +117,7 @@ impl Sequencer {
             self.position = self.reached(&segment, now);
             let left = core::array::from_fn(|n| waiting.block.steps[n] - i64::from(issued[n]));
             if let Some(block) = waiting.block.with_steps(left, &self.limits) {
-                self.waiting.push_front(Waiting { block, ..waiting });
+                self.waiting.push_front(QueuedMotion { block, ..waiting });
             }
         }
     }
@@ -168,7 +168,7 @@ impl Sequencer {
             self.runs = false;
             return;
         };
-        let Waiting { block, rapid } = &waiting;
+        let QueuedMotion { block, rapid } = &waiting;
         let speed = block.nominal(self.overrides);
         let share = f64::from(self.overrides.rapid) / 100.0;
         let trains = core::array::from_fn(|n| {

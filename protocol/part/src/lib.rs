@@ -5,7 +5,7 @@
 //! nothing.
 //!
 //! [`Nose`] is what cuts, [`Profile`] what is left of the bar, [`Turning`] goes the way and notes what should not
-//! happen on it ([`Event`]), [`cylinders`] measures the part, [`deviation`] holds it against another,
+//! happen on it ([`Violation`]), [`cylinders`] measures the part, [`deviation`] holds it against another,
 //! [`outline`] is what to draw of it. A [`Path`] is a way of lines and arcs, as a program asks for it.
 //!
 //! A bore is turned as the outside is, on the other [`Side`] of the wall.
@@ -24,4 +24,4 @@ pub use nose::Nose;
 pub use outline::outline;
 pub use path::{Arc, Move, Path, Place};
 pub use profile::{GRID, Profile, Shaving, Side};
-pub use turning::{Event, Happening, Limits, Resolution, Turning};
+pub use turning::{Happening, Limits, Resolution, Turning, Violation};

@@ -11,7 +11,7 @@ const AGAIN: f64 = 1.0;
 
 /// What should not happen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Event {
+pub enum Violation {
     /// The tool cuts, and the spindle stands.
     Stopped,
     /// The tool cuts at a rapid's speed.
@@ -24,7 +24,7 @@ pub enum Event {
     Wall,
 }
 
-impl Event {
+impl Violation {
     /// Every one.
     pub const ALL: [Self; 5] = [Self::Stopped, Self::Rapid, Self::Chuck, Self::Deep, Self::Wall];
 
@@ -66,12 +66,12 @@ impl Event {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Happening {
     /// What.
-    pub event: Event,
+    pub event: Violation,
     /// When it began and when it was last seen, in s.
     pub at: (f64, f64),
     /// Where the tool was when it began.
     pub place: Place,
-    /// The most of it, in its [`Event::unit`].
+    /// The most of it, in its [`Violation::unit`].
     pub worst: f64,
 }
 
@@ -171,15 +171,15 @@ impl Turning {
         let shaving = self.cut(from, to);
         if shaving.thickest > TOUCH {
             if self.rpm == 0.0 {
-                self.note(Event::Stopped, shaving.thickest);
+                self.note(Violation::Stopped, shaving.thickest);
             }
             if feed > self.limits.feed {
-                self.note(Event::Rapid, feed);
+                self.note(Violation::Rapid, feed);
             }
         }
         self.watch_depth(shaving.area, from);
         if beyond > 0.0 && self.limits.chuck.is_none_or(|radius| to.x < radius) {
-            self.note(Event::Chuck, beyond);
+            self.note(Violation::Chuck, beyond);
         }
     }
 
@@ -199,7 +199,7 @@ impl Turning {
     fn cut(&mut self, from: Place, to: Place) -> Shaving {
         let shaving = self.profile.cut(&self.nose, from, to);
         if shaving.through > TOUCH {
-            self.note(Event::Wall, shaving.through);
+            self.note(Violation::Wall, shaving.through);
         }
         shaving
     }
@@ -237,12 +237,12 @@ impl Turning {
         if way >= MEAN_OVER {
             self.cut = (0.0, 0.0);
             if area / way > limit {
-                self.note(Event::Deep, area / way);
+                self.note(Violation::Deep, area / way);
             }
         }
     }
 
-    fn note(&mut self, event: Event, much: f64) {
+    fn note(&mut self, event: Violation, much: f64) {
         let (at, place) = (self.at, self.place);
         match self.happenings.iter_mut().rfind(|happening| happening.event == event) {
             Some(again) if at - again.at.1 <= AGAIN => {
@@ -305,7 +305,7 @@ mod tests {
     fn what_goes_on_is_one_happening_with_its_worst() {
         let found = events(1500.0, &[(0.0, 12.0, 1.0), (-10.0, 12.0, 5.0), (-20.0, 12.0, 20.0), (-30.0, 12.0, 12.0)]);
         let [deep, rapid] = &found[..] else { panic!("{found:?}") };
-        assert_eq!((deep.event, rapid.event), (Event::Deep, Event::Rapid));
+        assert_eq!((deep.event, rapid.event), (Violation::Deep, Violation::Rapid));
         assert!((deep.worst - 2.0).abs() < 0.1, "{deep:?}");
         assert!((rapid.worst - 20.0).abs() < 1e-6 && (rapid.place.z + 10.6).abs() < 0.1, "{rapid:?}");
         assert!(rapid.at.1 - rapid.at.0 > 1.2, "{rapid:?}");

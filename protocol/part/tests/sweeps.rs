@@ -4,7 +4,7 @@
 #![allow(clippy::disallowed_methods, reason = "what is compared with a tolerance may differ in its last digits")]
 
 use proptest::prelude::*;
-use torno_part::{Arc, Event, Limits, Move, Nose, Path, Place, Profile, Resolution, Side, Turning};
+use torno_part::{Arc, Limits, Move, Nose, Path, Place, Profile, Resolution, Side, Turning, Violation};
 use torno_part::{cylinders, deviation};
 
 fn nose() -> Nose {
@@ -202,7 +202,7 @@ fn a_tool_that_comes_through_the_wall_is_told_of() {
     assert_eq!(events(tube(Side::Outside), place(0.0, 15.0), &along(5.1)), []);
     for (side, from, to) in [(Side::Inside, 4.0, 14.5), (Side::Outside, 15.0, 4.5)] {
         let found = events(tube(side), place(0.0, from), &along(to));
-        assert!(found[0].0 == Event::Wall.name() && found.iter().all(|it| it.1 <= 0.5 + 1e-9), "{found:?}");
+        assert!(found[0].0 == Violation::Wall.name() && found.iter().all(|it| it.1 <= 0.5 + 1e-9), "{found:?}");
         assert!(found.iter().any(|it| it.1 > 0.5 - 1e-9), "{found:?}");
     }
     // A slanting edge cuts the rim of the bar; the tip is beyond the wall, and beside the bar.

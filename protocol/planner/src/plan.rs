@@ -358,7 +358,7 @@ impl Planner {
     fn rapid(&mut self, line: usize, to: Place) {
         let (shift, away) = (self.shift(), !self.settings.bore);
         let stock = self.settings.stock.as_ref().map(|stock| (stock, shift));
-        let rapid::Way { over, meets } = rapid::way(self.at, to, away, stock);
+        let rapid::RapidPath { over, meets } = rapid::way(self.at, to, away, stock);
         if let Some(Place { z, x }) = meets {
             let (z, x) = (z - shift.z, x - shift.x);
             let word = if (to.x - self.at.x).abs() > NOISE { b'x' } else { b'z' };

@@ -9,7 +9,7 @@ const HALVINGS: u32 = 12;
 
 /// The places over which a rapid goes, the last one included: one axis moves to each, or none.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Way {
+pub(crate) struct RapidPath {
     pub(crate) over: [Place; 3],
     /// Where it cuts, if it does in any case.
     pub(crate) meets: Option<Place>,
@@ -20,26 +20,26 @@ pub(crate) struct Way {
 ///
 /// Beside its tip, the nose leaves what it would scrape off where it goes along the bar. So it is lifted by its radius
 /// if that is enough.
-pub(crate) fn way(from: Place, to: Place, away: bool, stock: Option<(&Stock, Place)>) -> Way {
+pub(crate) fn way(from: Place, to: Place, away: bool, stock: Option<(&Stock, Place)>) -> RapidPath {
     let infeed_first = Place { z: from.z, x: to.x };
     let feed_first = Place { z: to.z, x: from.x };
     let leaves = if away { to.x > from.x } else { to.x < from.x };
     let [usual, other] = if leaves { [infeed_first, feed_first] } else { [feed_first, infeed_first] };
     let by = |corner: Place| [corner, to, to];
-    let Some((stock, shift)) = stock else { return Way { over: by(usual), meets: None } };
+    let Some((stock, shift)) = stock else { return RapidPath { over: by(usual), meets: None } };
     let on_bar = |place: Place| Place { z: place.z + shift.z, x: place.x + shift.x };
     let meets = |over: [Place; 3]| {
         let mut from = on_bar(from);
         over.map(on_bar).into_iter().find_map(|to| stock.meets(core::mem::replace(&mut from, to), to))
     };
-    let Some(met) = meets(by(usual)) else { return Way { over: by(usual), meets: None } };
+    let Some(met) = meets(by(usual)) else { return RapidPath { over: by(usual), meets: None } };
     let radius = stock.nose.radius_mm();
     let lift = if away { from.x.max(to.x) + radius } else { from.x.min(to.x) - radius };
     let lifted = [Place { z: from.z, x: lift }, Place { z: to.z, x: lift }, to];
     let others = [Some(by(other)), (met.thickest <= radius).then_some(lifted)];
     match others.into_iter().flatten().find(|over| meets(*over).is_none()) {
-        Some(over) => Way { over, meets: None },
-        None => Way { over: by(usual), meets: Some(met.place) },
+        Some(over) => RapidPath { over, meets: None },
+        None => RapidPath { over: by(usual), meets: Some(met.place) },
     }
 }
 
@@ -106,7 +106,7 @@ mod tests {
 
     fn found(from: Place, to: Place) -> (Place, bool) {
         let stock = stock();
-        let Way { over, meets } = way(from, to, true, Some((&stock, Place::default())));
+        let RapidPath { over, meets } = way(from, to, true, Some((&stock, Place::default())));
         (over[0], meets.is_some())
     }
 
@@ -146,7 +146,7 @@ mod tests {
         let shift = Place::default();
         let back = |stock: &Stock, z: f64| way(place(2.0, -0.8), place(2.0, z), true, Some((stock, shift)));
         let lifted = [place(2.4, -0.8), place(2.4, 1.0), place(2.0, 1.0)];
-        assert_eq!(back(&stock, 1.0), Way { over: lifted, meets: None });
+        assert_eq!(back(&stock, 1.0), RapidPath { over: lifted, meets: None });
         // There is a wall.
         assert!(back(&stock, -2.0).meets.is_some());
         // What is left is higher than the nose's radius.

@@ -147,7 +147,7 @@ pub struct CommandDecoder {
 }
 
 /// What has come: a command, or what is wrong.
-pub type Heard = Result<Command, Flaw>;
+pub type Received = Result<Command, Flaw>;
 
 impl CommandDecoder {
     /// A decoder that measures silences with `clock`.
@@ -163,7 +163,7 @@ impl CommandDecoder {
 
     /// Takes a character; gives what is complete with it. Silences that end with it are to be told before, by
     /// [`CommandDecoder::handle_timeout`].
-    pub fn push(&mut self, now: Instant, character: Character) -> Option<Heard> {
+    pub fn push(&mut self, now: Instant, character: Character) -> Option<Received> {
         self.last = now;
         let Some(byte) = character.ok() else {
             let told = (!self.discarding).then_some(Err(Flaw::LineError(self.is_download())));
@@ -199,7 +199,7 @@ impl CommandDecoder {
     }
 
     /// What the silence up to `now` tells.
-    pub fn handle_timeout(&mut self, now: Instant) -> Option<Heard> {
+    pub fn handle_timeout(&mut self, now: Instant) -> Option<Received> {
         if self.poll_timeout().is_none_or(|at| at > now) {
             return None;
         }
@@ -237,7 +237,7 @@ mod tests {
     use super::*;
 
     /// What is heard of bytes that follow one another without a gap; `None` is a silence of 60 ms.
-    fn heard(bytes: &[Option<u8>]) -> Vec<Heard> {
+    fn heard(bytes: &[Option<u8>]) -> Vec<Received> {
         let mut decoder = CommandDecoder::new(Clock::TRUE);
         let mut now = Instant::START;
         let mut heard = Vec::new();

@@ -55,7 +55,7 @@ use crate::clock::Rate;
 use crate::time::Span;
 use crate::uart::BITS_PER_CHARACTER;
 
-pub use command::{Command, CommandDecoder, Flaw, Heard};
+pub use command::{Command, CommandDecoder, Flaw, Received};
 pub use telemetry::{shown, telemetry};
 
 /// The speed of the line, in baud; 8N1. Telemetry needs 2000. (Ours.)

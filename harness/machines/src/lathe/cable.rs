@@ -11,12 +11,12 @@ use torno_protocol::uart::Character;
 /// Takes frames and replies apart. Where a frame begins follows from the replies too, so it is the master's own decoder
 /// that is told what the master knows of itself.
 #[derive(Clone, Debug)]
-pub(super) struct Talk {
+pub(super) struct ExchangeDecoder {
     frames: FrameDecoder,
     replies: ReplyDecoder,
 }
 
-impl Talk {
+impl ExchangeDecoder {
     pub(super) fn new() -> Self {
         Self { frames: FrameDecoder::new(Clock::TRUE), replies: ReplyDecoder::default() }
     }
@@ -77,7 +77,7 @@ impl Talk {
 
 /// Listens at the PC's side.
 #[derive(Clone, Debug)]
-pub(super) struct Cable(pub(super) Talk);
+pub(super) struct Cable(pub(super) ExchangeDecoder);
 
 impl Listener for Cable {
     fn sent(&mut self, at: Instant, byte: u8) -> Vec<String> {
@@ -96,7 +96,7 @@ impl Listener for Cable {
 /// Measures how long the master takes for frames.
 #[derive(Clone, Debug)]
 pub(super) struct Times {
-    talk: Talk,
+    talk: ExchangeDecoder,
     /// Frames without an answer: when the last byte came, and whether it is held.
     waiting: VecDeque<(Instant, bool)>,
     /// Frames that are being executed: when the last byte came, and when the `ACK`.
@@ -106,7 +106,7 @@ pub(super) struct Times {
 
 impl Times {
     pub(super) fn new() -> Self {
-        Self { talk: Talk::new(), waiting: VecDeque::new(), running: Vec::new(), resumed: None }
+        Self { talk: ExchangeDecoder::new(), waiting: VecDeque::new(), running: Vec::new(), resumed: None }
     }
 }
 
@@ -168,7 +168,7 @@ mod tests {
 
     #[test]
     fn a_frame_after_one_that_was_cut_short_is_told_as_it_is() {
-        let mut cable = Cable(Talk::new());
+        let mut cable = Cable(ExchangeDecoder::new());
         assert_eq!(sent(&mut cable, ms(0), &FRAME[..3]).len(), 0);
         assert_eq!(sent(&mut cable, ms(200), &FRAME), ["0A E1 00 E1 01 00 01 00 (a frame)"]);
         // A character time longer than the silence, and no more.
@@ -184,7 +184,7 @@ mod tests {
     fn a_begun_frame_that_comes_while_the_pc_stops_waits_for_the_xon() {
         let stopping = ms(100) + CHARACTER.times(3);
         for (last, told) in [(stopping, 1), (stopping + Span::from_nanos(1), 0)] {
-            let mut cable = Cable(Talk::new());
+            let mut cable = Cable(ExchangeDecoder::new());
             cable.received(ms(100) + CHARACTER, XOFF);
             // It leaves a character before the master has it.
             sent(&mut cable, last - CHARACTER.times(3), &FRAME[..3]);
@@ -196,14 +196,14 @@ mod tests {
     #[test]
     fn what_is_thrown_away_until_a_silence_is_no_frame() {
         for reply in [&b"\x18dn"[..], &[NAK, b'l']] {
-            let mut cable = Cable(Talk::new());
+            let mut cable = Cable(ExchangeDecoder::new());
             sent(&mut cable, ms(0), &FRAME[..2]);
             reply.iter().for_each(|byte| drop(cable.received(ms(4), *byte)));
             assert_eq!(sent(&mut cable, ms(5), &FRAME).len(), 0);
             assert_eq!(sent(&mut cable, ms(100), &FRAME).len(), 1);
         }
         // A master that has restarted holds the PC for all it knows: no silence counts before its XON.
-        let mut cable = Cable(Talk::new());
+        let mut cable = Cable(ExchangeDecoder::new());
         b"\x18mr".iter().for_each(|byte| drop(cable.received(ms(4), *byte)));
         assert_eq!(sent(&mut cable, ms(500), &FRAME).len(), 0);
         cable.received(ms(600), XON);

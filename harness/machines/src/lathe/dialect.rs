@@ -13,7 +13,7 @@ use torno_protocol::time::{Instant, Span};
 use torno_bus::{Dialect, LineCharacter, Listener, Message, Reader, Stopwatch, hex, is_stray_byte, no_reply};
 use torno_engine::LineId;
 
-use super::cable::{Cable, Talk, Times};
+use super::cable::{Cable, ExchangeDecoder, Times};
 
 /// The longest time from one character of a slave's sub-frame to the next.
 const SUB_FRAME_GAP: Span = CHARACTER.times(3);
@@ -51,7 +51,7 @@ impl Dialect for Lathe {
     }
 
     fn listener(&self) -> Box<dyn Listener> {
-        Box::new(Cable(Talk::new()))
+        Box::new(Cable(ExchangeDecoder::new()))
     }
 
     fn reader(&self, layout: &Layout) -> Box<dyn Reader> {
@@ -93,7 +93,7 @@ fn slave(kind: &str) -> Option<Slave> {
 #[derive(Clone, Debug)]
 struct Lines {
     roles: Vec<Role>,
-    talk: Talk,
+    talk: ExchangeDecoder,
     /// The line on which the PC sends, and when its last character came.
     pc: (LineId, Instant),
     slaves: [Conversation; 3],
@@ -142,7 +142,7 @@ impl Lines {
         let roles: Vec<Role> = layout.lines.iter().map(role).collect();
         let pc = roles.iter().position(|role| *role == Role::Frames).unwrap_or_default();
         let slaves = Default::default();
-        Self { roles, talk: Talk::new(), pc: (pc, Instant::START), slaves, messages: Vec::new() }
+        Self { roles, talk: ExchangeDecoder::new(), pc: (pc, Instant::START), slaves, messages: Vec::new() }
     }
 
     fn tell(&mut self, at: Instant, line: LineId, text: String, flaw: bool) {

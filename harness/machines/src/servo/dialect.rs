@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use torno_bus::{Dialect, LineCharacter, Listener, Message, Reader, Reply, is_stray_byte, no_reply};
 use torno_protocol::clock::Clock;
 use torno_protocol::layout::Layout;
-use torno_protocol::servo::{BAUD, Command, CommandDecoder, Heard as Said, PRESENT, TICK, shown};
+use torno_protocol::servo::{BAUD, Command, CommandDecoder, PRESENT, Received, TICK, shown};
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::uart::Character;
 use torno_servo::{Language, Limits, compile};
@@ -46,7 +46,7 @@ impl Dialect for Servo {
     }
 
     fn listener(&self) -> Box<dyn Listener> {
-        Box::new(Talk::new())
+        Box::new(ExchangeDecoder::new())
     }
 
     fn reader(&self, layout: &Layout) -> Box<dyn Reader> {
@@ -93,7 +93,7 @@ fn increments(text: &str) -> Result<Vec<i8>, String> {
 
 /// What is said between the PC and the controller.
 #[derive(Clone, Debug)]
-struct Talk {
+struct ExchangeDecoder {
     commands: CommandDecoder,
     /// The increments of the program that the controller has been given.
     program: usize,
@@ -113,14 +113,14 @@ enum Answer {
     Unknown(u8),
 }
 
-impl Talk {
+impl ExchangeDecoder {
     fn new() -> Self {
         let commands = CommandDecoder::new(Clock::TRUE);
         Self { commands, program: 0, to_come: 0, last: Instant::START, questions: VecDeque::new() }
     }
 
     /// A character from the PC.
-    fn pc(&mut self, at: Instant, character: Character) -> Vec<Said> {
+    fn pc(&mut self, at: Instant, character: Character) -> Vec<Received> {
         let mut said = self.silence(at);
         let more = self.commands.push(at, character);
         more.iter().for_each(|said| self.understand(at, said));
@@ -129,13 +129,13 @@ impl Talk {
     }
 
     /// What the PC's silence up to `at` completes.
-    fn silence(&mut self, at: Instant) -> Vec<Said> {
-        let said: Vec<Said> = self.commands.handle_timeout(at).into_iter().collect();
+    fn silence(&mut self, at: Instant) -> Vec<Received> {
+        let said: Vec<Received> = self.commands.handle_timeout(at).into_iter().collect();
         said.iter().for_each(|said| self.understand(at, said));
         said
     }
 
-    fn understand(&mut self, at: Instant, said: &Said) {
+    fn understand(&mut self, at: Instant, said: &Received) {
         if self.is_running(at) {
             if *said == Ok(Command::Stop) {
                 self.to_come = 0;
@@ -197,7 +197,7 @@ impl Answer {
     }
 }
 
-impl Listener for Talk {
+impl Listener for ExchangeDecoder {
     fn sent(&mut self, at: Instant, byte: u8) -> Vec<String> {
         let said = self.pc(at, Character::good(byte));
         said.into_iter().map(|said| said.map_or_else(|flaw| flaw.to_string(), |command| command.to_string())).collect()
@@ -215,7 +215,7 @@ impl Listener for Talk {
 struct Lines {
     /// For each line, whether the PC sends on it.
     from_pc: Vec<bool>,
-    talk: Talk,
+    talk: ExchangeDecoder,
     /// The line on which the PC sends.
     line: usize,
     last: Instant,
@@ -226,11 +226,11 @@ impl Lines {
     fn new(layout: &Layout) -> Self {
         let from_pc: Vec<bool> = layout.lines.iter().map(|line| layout.sends_outside(line)).collect();
         let line = from_pc.iter().position(|from_pc| *from_pc).unwrap_or_default();
-        Self { from_pc, talk: Talk::new(), line, last: Instant::START, messages: Vec::new() }
+        Self { from_pc, talk: ExchangeDecoder::new(), line, last: Instant::START, messages: Vec::new() }
     }
 
-    fn tell(&mut self, at: Instant, said: Vec<Said>) {
-        let message = |said: Said| {
+    fn tell(&mut self, at: Instant, said: Vec<Received>) {
+        let message = |said: Received| {
             let (text, flaw) = match said {
                 Ok(command) => (command.to_string(), false),
                 Err(flaw) => (flaw.to_string(), true),

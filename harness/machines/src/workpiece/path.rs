@@ -20,7 +20,7 @@ pub struct ToolPath {
 
 /// A quantity's new value.
 #[derive(Clone, Copy, Debug)]
-struct Told {
+struct NewValue {
     at: Instant,
     signal: u8,
     value: i64,
@@ -41,7 +41,7 @@ struct Sum {
     source: Source,
     follower: Option<Follower>,
     /// What has been told and not been cut yet.
-    told: VecDeque<Told>,
+    told: VecDeque<NewValue>,
     values: Vec<i64>,
     sum: i64,
 }
@@ -58,7 +58,7 @@ impl Sum {
         let Fact::Telemetry { node, at, signal, value } = fact else { return };
         let follows = || self.follower.as_ref().is_some_and(|it| it.drive == *signal);
         if self.source.node == *node && (self.source.signals.contains(signal) || follows()) {
-            self.told.push_back(Told { at: *at, signal: *signal, value: *value });
+            self.told.push_back(NewValue { at: *at, signal: *signal, value: *value });
         }
     }
 
@@ -72,8 +72,8 @@ impl Sum {
     /// Goes on to `at`, which is not after the next change.
     fn go_on(&mut self, at: Instant) {
         let now = self.told.iter().take_while(|told| told.at == at).count();
-        let now: Vec<Told> = self.told.drain(..now).collect();
-        for Told { signal, value, .. } in &now {
+        let now: Vec<NewValue> = self.told.drain(..now).collect();
+        for NewValue { signal, value, .. } in &now {
             for (known, place) in self.source.signals.iter().zip(&mut self.values) {
                 if known == signal {
                     *place = *value;

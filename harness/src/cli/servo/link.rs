@@ -4,15 +4,15 @@ use std::process::ExitCode;
 
 use serde_json::json;
 use torno::rig::Driver;
-use torno::servo::{Controller, Line, RigLine};
+use torno::servo::{Controller, RigLine, ServoLine};
 use torno_servo::Language;
 
-use super::{Place, connected, gains, language, print};
+use super::{StandOptions, connected, gains, language, print};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
     #[command(flatten)]
-    place: Place,
+    place: StandOptions,
     /// Sets Kx: 0 to 255
     #[arg(long, value_name = "N")]
     kx: Option<u8>,
@@ -39,7 +39,7 @@ impl Arguments {
         }
     }
 
-    async fn on<L: Line>(&self, mut controller: Controller<L>) -> anyhow::Result<ExitCode> {
+    async fn on<L: ServoLine>(&self, mut controller: Controller<L>) -> anyhow::Result<ExitCode> {
         let (kx, kv) = gains(&mut controller, self.kx, self.kv).await?;
         let on = controller.line().name().to_owned();
         print(&if self.json {

@@ -14,7 +14,7 @@ use torno::observe::stderr::say;
 use torno::rig::file::RigFile;
 use torno::send::SendError;
 use torno::servo::report::graph;
-use torno::servo::{Controller, ControllerError, Gain, Line, LineError, SerialLine};
+use torno::servo::{Controller, ControllerError, Gain, LineError, SerialDevice, ServoLine};
 use torno_plot::{Colouring, Colours};
 use torno_servo::{Compiled, Finding, Language, Limits, Severity, compile};
 
@@ -100,7 +100,7 @@ struct Plot {
 
 /// Where the controller is.
 #[derive(Debug, clap::Args)]
-struct Place {
+struct StandOptions {
     /// A serial port of a real stand or of 'torno up servo'; of several, the first with a controller [default: a rig of
     /// its own, in virtual time]
     #[arg(long, value_name = "PATH")]
@@ -273,7 +273,7 @@ impl Paint {
 /// What came of a conversation with the controller. If it has none, the exit code.
 type Outcome<T> = anyhow::Result<Result<T, ExitCode>>;
 
-impl Place {
+impl StandOptions {
     /// The rig that is meant if no port is named.
     fn rig(&self) -> anyhow::Result<RigFile> {
         let file = load_rig(&self.rig, &self.set)?;
@@ -285,11 +285,11 @@ impl Place {
     }
 
     /// The controller on the first of these ports that has one.
-    async fn port(&self, lang: Language) -> Outcome<Controller<SerialLine>> {
+    async fn port(&self, lang: Language) -> Outcome<Controller<SerialDevice>> {
         let mut seen = BTreeSet::new();
         let mut unopened = true;
         for port in self.port.iter().filter(|port| seen.insert(port.as_str())) {
-            let found = match SerialLine::open(port) {
+            let found = match SerialDevice::open(port) {
                 Ok(line) => Controller::connect(line).await,
                 Err(error) => Err(error.into()),
             };
@@ -325,7 +325,7 @@ const fn not_connected(lang: Language) -> &'static str {
 }
 
 /// Sets the gains that are given; gives both, as the controller says.
-async fn gains<L: Line>(
+async fn gains<L: ServoLine>(
     controller: &mut Controller<L>,
     kx: Option<u8>,
     kv: Option<u8>,

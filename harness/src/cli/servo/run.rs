@@ -9,11 +9,11 @@ use torno::pace::Pace;
 use torno::report::Status;
 use torno::report::page::Page;
 use torno::servo::controller::parts;
-use torno::servo::{Controller, Ended, Line, Report, RigLine};
+use torno::servo::{Controller, Ended, Report, RigLine, ServoLine};
 
 use super::{
-    FAILED, INTERRUPTED, Interrupt, OutputFile, Paint, Place, Source, Stand, connected, draw, gains, print_beside,
-    start_recording, write_file,
+    FAILED, INTERRUPTED, Interrupt, OutputFile, Paint, Source, Stand, StandOptions, connected, draw, gains,
+    print_beside, start_recording, write_file,
 };
 use crate::cli::options::{Placement, picture};
 
@@ -22,7 +22,7 @@ pub(super) struct Arguments {
     /// The motion program
     program: PathBuf,
     #[command(flatten)]
-    place: Place,
+    place: StandOptions,
     #[command(flatten)]
     stand: Stand,
     /// Sets Kx before: 0 to 255
@@ -110,7 +110,7 @@ impl Arguments {
     }
 
     /// Downloads the program and runs it; both can be interrupted.
-    async fn on<L: Line>(&self, controller: &mut Controller<L>, source: &Source) -> anyhow::Result<Report> {
+    async fn on<L: ServoLine>(&self, controller: &mut Controller<L>, source: &Source) -> anyhow::Result<Report> {
         let program = source.compiled.program.as_ref().context("there is no program")?;
         controller.check_link().await?;
         let mut report = Report {

@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use torno::servo::{Controller, Line, SerialLine};
+use torno::servo::{Controller, SerialDevice, ServoLine};
 
 use super::print;
 
@@ -16,14 +16,14 @@ pub(super) struct Arguments {
 impl Arguments {
     /// What moves answers nothing, so it is stopped before it is asked whether it is there.
     pub(super) async fn stop(self) -> anyhow::Result<ExitCode> {
-        let mut controller = Controller::on(SerialLine::open(&self.port)?);
+        let mut controller = Controller::on(SerialDevice::open(&self.port)?);
         controller.stop().await?;
         controller.check_link().await?;
         tell("stopped", &mut controller)
     }
 
     pub(super) async fn home(self) -> anyhow::Result<ExitCode> {
-        let mut controller = Controller::connect(SerialLine::open(&self.port)?).await?;
+        let mut controller = Controller::connect(SerialDevice::open(&self.port)?).await?;
         controller.home().await?;
         controller.check_link().await?;
         tell("position is 0", &mut controller)
@@ -31,7 +31,7 @@ impl Arguments {
 }
 
 /// The controller confirms neither: it answers behind it (§3.1: its LEDs show the rest).
-fn tell(what: &str, controller: &mut Controller<SerialLine>) -> anyhow::Result<ExitCode> {
+fn tell(what: &str, controller: &mut Controller<SerialDevice>) -> anyhow::Result<ExitCode> {
     print(&format!("{what}: {}\n", controller.line().name()))?;
     Ok(ExitCode::SUCCESS)
 }

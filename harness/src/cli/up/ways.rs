@@ -36,7 +36,7 @@ pub(super) struct Ways {
 }
 
 /// Where something is to be found, as a command line says it.
-enum Place {
+enum PortPlace {
     Default,
     Link(PathBuf),
     By(Transport),
@@ -48,7 +48,7 @@ pub(super) struct Open {
     /// The boards that are left out.
     pub(super) boards: Vec<String>,
     /// Where the gateways are in their places.
-    places: BTreeMap<String, Place>,
+    places: BTreeMap<String, PortPlace>,
 }
 
 /// All ports of a rig.
@@ -81,16 +81,16 @@ impl Ways {
             let (board, place) = place(text, "--open")?;
             let without = open(&opened.file, board).map_err(|message| anyhow!("--open '{text}': {message}"))?;
             let Opened { file, gateways, lost_part } = without;
-            if gateways.len() > 1 && !matches!(place, Place::Default) {
+            if gateways.len() > 1 && !matches!(place, PortPlace::Default) {
                 bail!("--open '{text}': '{board}' has the links {}: leave the place out", gateways.join(", "));
             }
             let part = if lost_part { ", nor of the part that the rig turns" } else { "" };
             tracing::warn!("'{board}' is left out: nothing will be known of its telemetry{part}");
             opened.file = file;
             opened.boards.push(board.to_owned());
-            opened
-                .places
-                .extend(gateways.into_iter().zip([place].into_iter().chain(std::iter::repeat_with(|| Place::Default))));
+            opened.places.extend(
+                gateways.into_iter().zip([place].into_iter().chain(std::iter::repeat_with(|| PortPlace::Default))),
+            );
         }
         if pace == Pace::Max && !opened.boards.is_empty() {
             tracing::warn!(
@@ -135,8 +135,8 @@ impl Ways {
         for (n, (gateway, transport)) in file.gateways().zip(self.transports(file)?).enumerate() {
             let name = &gateway.name;
             let (transport, link) = match open.places.get(name) {
-                Some(Place::Link(path)) => (Transport::Pty, Some(path)),
-                Some(Place::By(transport)) => (*transport, None),
+                Some(PortPlace::Link(path)) => (Transport::Pty, Some(path)),
+                Some(PortPlace::By(transport)) => (*transport, None),
                 _ => (transport, self.link.as_ref().filter(|_| n == 0)),
             };
             gateways.push(port(file, name, transport, link.cloned(), gateway.baud)?);
@@ -163,22 +163,22 @@ fn tap(file: &RigFile, text: &str) -> anyhow::Result<(LineId, PcPort)> {
         bail!("--tap '{text}': there is no line '{name}'{}", nearest(name, &known));
     };
     let (transport, link) = match place {
-        Place::Default => (Transport::Pty, None),
-        Place::Link(path) => (Transport::Pty, Some(path)),
-        Place::By(transport) => (transport, None),
+        PortPlace::Default => (Transport::Pty, None),
+        PortPlace::Link(path) => (Transport::Pty, Some(path)),
+        PortPlace::By(transport) => (transport, None),
     };
     Ok((line, port(file, name, transport, link, lines[line].baud)?))
 }
 
 /// A name, and behind a `=` where it is to be found.
-fn place<'a>(text: &'a str, option: &str) -> anyhow::Result<(&'a str, Place)> {
-    let Some((name, place)) = text.split_once('=') else { return Ok((text, Place::Default)) };
+fn place<'a>(text: &'a str, option: &str) -> anyhow::Result<(&'a str, PortPlace)> {
+    let Some((name, place)) = text.split_once('=') else { return Ok((text, PortPlace::Default)) };
     let place = if place == "pty" {
-        Place::Default
+        PortPlace::Default
     } else if place.contains("://") {
-        Place::By(place.parse().map_err(|error| anyhow!("{option}: {error}"))?)
+        PortPlace::By(place.parse().map_err(|error| anyhow!("{option}: {error}"))?)
     } else {
-        Place::Link(PathBuf::from(place))
+        PortPlace::Link(PathBuf::from(place))
     };
     Ok((name, place))
 }

@@ -11,7 +11,7 @@ use torno_plot::{Figure, Panel, Series, Style as Drawn};
 use super::error::TuneError;
 use super::forecast::{Controller, Forecast, present_loop, small_step};
 use super::rig::{DISTANCE, FORM, Seen, SmallStep, small_step as small_step_on, watch, watched, with, working_form};
-use super::text::{Line, MARGINS, STEP};
+use super::text::{Indicator, MARGINS, STEP};
 use crate::identify::bench::Subject;
 use crate::identify::report::Identification;
 use crate::rig::file::RigFile;
@@ -206,7 +206,7 @@ fn step_of(one: &Compared) -> Option<&SmallStep> {
 }
 
 /// What is told of a move.
-const MOVE: [Line<Seen, Option<f64>>; 4] = [
+const MOVE: [Indicator<Seen, Option<f64>>; 4] = [
     ("  following error, counts", |seen| seen.following_error_counts, 0),
     ("  overshoot, counts", |seen| seen.overshoot_counts, 0),
     ("  in position after, s", |seen| seen.in_position_s, 2),

@@ -10,7 +10,7 @@ use super::rig::{DISTANCE, SPEED, Seen, watched};
 use crate::identify::report::{Identification, digits, short};
 
 /// A line of a table: its name, what it tells of something, and with how many digits.
-pub(super) type Line<T, N> = (&'static str, fn(&T) -> N, usize);
+pub(super) type Indicator<T, N> = (&'static str, fn(&T) -> N, usize);
 
 impl Identification {
     /// What is known of the motor, in a few lines.
@@ -42,7 +42,7 @@ pub(super) const MARGINS: [(&str, Cell); 5] = [
 ];
 
 /// And of its response to a small step.
-pub(super) const STEP: [Line<Indices, f64>; 3] = [
+pub(super) const STEP: [Indicator<Indices, f64>; 3] = [
     ("small step: rise, s", |step| step.rise_s, 3),
     ("  settling (2 %), s", |step| step.settling_s, 3),
     ("  overshoot, %", |step| step.overshoot_percent, 1),
@@ -157,7 +157,7 @@ impl Tuning {
         if self.motor.axis {
             let head = format!("{DISTANCE} counts on the rig");
             writeln!(text, "{dim}{head:<30}{:>12} {:>12}{dim:#}", "proposed", "as it is")?;
-            let lines: [Line<Seen, Option<f64>>; 6] = [
+            let lines: [Indicator<Seen, Option<f64>>; 6] = [
                 ("following error, counts", |seen| seen.following_error_counts, 0),
                 ("overshoot, counts", |seen| seen.overshoot_counts, 0),
                 ("in position after, s", |seen| seen.in_position_s, 2),
@@ -183,7 +183,7 @@ impl Tuning {
             "{dim}{head:<30}{:>12} {:>12} {:>12} {:>12}{dim:#}",
             "proposed", "as it is", "open loop", "foretold"
         )?;
-        let lines: [Line<Indices, f64>; 3] = [
+        let lines: [Indicator<Indices, f64>; 3] = [
             ("rise, s", |step| step.rise_s, 3),
             ("settling (2 %), s", |step| step.settling_s, 3),
             ("overshoot, %", |step| step.overshoot_percent, 1),

@@ -13,7 +13,7 @@ use torno_bus::BAUD;
 use torno_protocol::uart::{DataBits, Format, Parity, StopBits};
 
 use super::event::LineCoding;
-use telnet::{Decoder, Said, Verb, escaped, sub};
+use telnet::{Decoder, Received, Verb, escaped, sub};
 
 /// Transmit binary (RFC 856).
 const BINARY: u8 = 0;
@@ -149,15 +149,15 @@ impl Server {
         let mut requests = Vec::new();
         for said in self.decoder.decode(bytes) {
             match said {
-                Said::Data(bytes) => requests.push(Request::Data(bytes)),
-                Said::Break => requests.extend([true, self.low].map(Request::Break)),
-                Said::Option(verb, option) => self.choose(verb, option),
-                Said::Sub(COM_PORT, Some(content)) => {
+                Received::Data(bytes) => requests.push(Request::Data(bytes)),
+                Received::Break => requests.extend([true, self.low].map(Request::Break)),
+                Received::Option(verb, option) => self.choose(verb, option),
+                Received::Sub(COM_PORT, Some(content)) => {
                     if let Some((command, value)) = content.split_first() {
-                        self.obey(*command, value, &mut requests);
+                        self.carry_out(*command, value, &mut requests);
                     }
                 }
-                Said::Sub(..) => {}
+                Received::Sub(..) => {}
             }
         }
         requests
@@ -218,7 +218,7 @@ impl Server {
     }
 
     /// A command whose value has not the size that it should have is passed over.
-    fn obey(&mut self, command: u8, value: &[u8], requests: &mut Vec<Request>) {
+    fn carry_out(&mut self, command: u8, value: &[u8], requests: &mut Vec<Request>) {
         match (command, value) {
             (SIGNATURE, []) => self.answer(SIGNATURE, NAME),
             (SET_BAUDRATE, value) => {

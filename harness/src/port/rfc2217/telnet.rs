@@ -16,7 +16,7 @@ const LONGEST: usize = 64;
 
 /// What the other end has said.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Said {
+pub(super) enum Received {
     /// Bytes of the stream.
     Data(Vec<u8>),
     /// It wants something of an option.
@@ -96,7 +96,7 @@ struct Sub {
 }
 
 impl Decoder {
-    pub(super) fn decode(&mut self, bytes: &[u8]) -> Vec<Said> {
+    pub(super) fn decode(&mut self, bytes: &[u8]) -> Vec<Received> {
         let mut said = Vec::new();
         for byte in bytes {
             self.take(*byte, &mut said);
@@ -104,13 +104,13 @@ impl Decoder {
         said
     }
 
-    fn take(&mut self, byte: u8, said: &mut Vec<Said>) {
+    fn take(&mut self, byte: u8, said: &mut Vec<Received>) {
         self.state = match (core::mem::take(&mut self.state), byte) {
             (State::Data, IAC) => State::Command,
             (State::Data, byte) => data(byte, said),
             (State::Command, byte) => command(byte, said),
             (State::Option(verb), option) => {
-                said.push(Said::Option(verb, option));
+                said.push(Received::Option(verb, option));
                 State::Data
             }
             (State::Sub(sub), byte) => sub.take(byte, said),
@@ -118,22 +118,22 @@ impl Decoder {
     }
 }
 
-fn data(byte: u8, said: &mut Vec<Said>) -> State {
-    if let Some(Said::Data(bytes)) = said.last_mut() {
+fn data(byte: u8, said: &mut Vec<Received>) -> State {
+    if let Some(Received::Data(bytes)) = said.last_mut() {
         bytes.push(byte);
     } else {
-        said.push(Said::Data(vec![byte]));
+        said.push(Received::Data(vec![byte]));
     }
     State::Data
 }
 
 /// What follows an IAC. Commands that mean nothing for a serial port are passed over.
-fn command(byte: u8, said: &mut Vec<Said>) -> State {
+fn command(byte: u8, said: &mut Vec<Received>) -> State {
     match byte {
         IAC => data(IAC, said),
         SB => State::Sub(Sub::default()),
         BREAK => {
-            said.push(Said::Break);
+            said.push(Received::Break);
             State::Data
         }
         byte => Verb::from_byte(byte).map_or(State::Data, State::Option),
@@ -141,7 +141,7 @@ fn command(byte: u8, said: &mut Vec<Said>) -> State {
 }
 
 impl Sub {
-    fn take(mut self, byte: u8, said: &mut Vec<Said>) -> State {
+    fn take(mut self, byte: u8, said: &mut Vec<Received>) -> State {
         match (core::mem::take(&mut self.command), byte) {
             (false, IAC) => {
                 self.command = true;
@@ -149,7 +149,7 @@ impl Sub {
             }
             (true, SE) => {
                 if let Some(option) = self.option {
-                    said.push(Said::Sub(option, (!self.too_long).then_some(self.content)));
+                    said.push(Received::Sub(option, (!self.too_long).then_some(self.content)));
                 }
                 State::Data
             }
@@ -173,23 +173,23 @@ mod tests {
 
     use super::*;
 
-    fn decoded(bytes: &[u8]) -> Vec<Said> {
+    fn decoded(bytes: &[u8]) -> Vec<Received> {
         Decoder::default().decode(bytes)
     }
 
     #[test]
     fn a_stream_is_taken_apart() {
-        let data = |bytes: &[u8]| Said::Data(bytes.to_vec());
+        let data = |bytes: &[u8]| Received::Data(bytes.to_vec());
         for (bytes, expected) in [
             (&b"ab"[..], vec![data(b"ab")]),
             (&[b'a', IAC, IAC, b'b'], vec![data(&[b'a', IAC, b'b'])]),
-            (&[b'a', IAC, WILL, 44, b'b'], vec![data(b"a"), Said::Option(Verb::Will, 44), data(b"b")]),
-            (&[IAC, DONT, IAC, b'b'], vec![Said::Option(Verb::Dont, IAC), data(b"b")]),
-            (&[IAC, SB, 44, 1, IAC, IAC, 2, IAC, SE], vec![Said::Sub(44, Some(vec![1, IAC, 2]))]),
-            (&[IAC, SB, 44, IAC, SE], vec![Said::Sub(44, Some(vec![]))]),
+            (&[b'a', IAC, WILL, 44, b'b'], vec![data(b"a"), Received::Option(Verb::Will, 44), data(b"b")]),
+            (&[IAC, DONT, IAC, b'b'], vec![Received::Option(Verb::Dont, IAC), data(b"b")]),
+            (&[IAC, SB, 44, 1, IAC, IAC, 2, IAC, SE], vec![Received::Sub(44, Some(vec![1, IAC, 2]))]),
+            (&[IAC, SB, 44, IAC, SE], vec![Received::Sub(44, Some(vec![]))]),
             (&[IAC, SB, IAC, SE, b'a'], vec![data(b"a")]),
-            (&[IAC, SB, 44, 1, IAC, WILL, 0, b'a'], vec![Said::Option(Verb::Will, 0), data(b"a")]),
-            (&[IAC, BREAK, IAC, 241, IAC, SE, IAC, 0, b'a'], vec![Said::Break, data(b"a")]),
+            (&[IAC, SB, 44, 1, IAC, WILL, 0, b'a'], vec![Received::Option(Verb::Will, 0), data(b"a")]),
+            (&[IAC, BREAK, IAC, 241, IAC, SE, IAC, 0, b'a'], vec![Received::Break, data(b"a")]),
             (&[IAC, SB, 44, 1, 2, 3], vec![]),
         ] {
             assert_eq!(decoded(bytes), expected, "{bytes:?}");
@@ -202,7 +202,7 @@ mod tests {
         assert_eq!(decoder.decode(&[&[IAC, SB, 44][..], &[7; 100_000]].concat()), []);
         let State::Sub(sub) = &decoder.state else { panic!("{decoder:?}") };
         assert_eq!(sub.content.len(), LONGEST);
-        assert_eq!(decoder.decode(&[IAC, SE, 8]), [Said::Sub(44, None), Said::Data(vec![8])]);
+        assert_eq!(decoder.decode(&[IAC, SE, 8]), [Received::Sub(44, None), Received::Data(vec![8])]);
     }
 
     proptest! {
@@ -215,11 +215,11 @@ mod tests {
             let written: Vec<u8> = escaped(&bytes).chain(sub(option, &content)).collect();
             let said = decoded(&written);
             let data: Vec<u8> = said.iter().flat_map(|said| match said {
-                Said::Data(data) => data.clone(),
+                Received::Data(data) => data.clone(),
                 _ => Vec::new(),
             }).collect();
             prop_assert_eq!(data, bytes);
-            prop_assert_eq!(said.last(), Some(&Said::Sub(option, Some(content))));
+            prop_assert_eq!(said.last(), Some(&Received::Sub(option, Some(content))));
         }
 
         #[test]
@@ -231,9 +231,9 @@ mod tests {
             let mut decoder = Decoder::default();
             let mut parts = decoder.decode(first);
             parts.extend(decoder.decode(second));
-            let joined = |parts: Vec<Said>| parts.into_iter().fold(Vec::new(), |mut all: Vec<Said>, said| {
+            let joined = |parts: Vec<Received>| parts.into_iter().fold(Vec::new(), |mut all: Vec<Received>, said| {
                 match (all.last_mut(), said) {
-                    (Some(Said::Data(before)), Said::Data(after)) => before.extend(after),
+                    (Some(Received::Data(before)), Received::Data(after)) => before.extend(after),
                     (_, said) => all.push(said),
                 }
                 all

@@ -7,11 +7,11 @@ use crate::axes;
 use crate::block::{self, Context};
 use crate::code::{Alarm, Code};
 use crate::execution::{Answer, Execution, Wait};
-use crate::line::Line;
+use crate::line::TextLine;
 use crate::machine::{Machine, Move};
 use crate::modal::{Modal, Spindle};
 use crate::number;
-use crate::path::{self, Rate};
+use crate::path::{Rate, Straight};
 use crate::report::{self, message};
 use crate::state::State;
 use crate::steps::Step;
@@ -29,10 +29,10 @@ enum Pushed {
 }
 
 impl<M: Machine> Controller<M> {
-    pub(super) fn take(&mut self, now: Instant, line: &Line) {
+    pub(super) fn take(&mut self, now: Instant, line: &TextLine) {
         match line {
-            Line::TooLong => self.answer(Err(Code::LineTooLong)),
-            Line::Text(text) => match text.as_slice() {
+            TextLine::TooLong => self.answer(Err(Code::LineTooLong)),
+            TextLine::Text(text) => match text.as_slice() {
                 [] => self.answer(Ok(())),
                 [b'$', text @ ..] => match system::read(text, self.state) {
                     Ok(command) => self.command(now, command),
@@ -223,7 +223,7 @@ impl<M: Machine> Controller<M> {
         matches!(self.state, State::Run | State::Jog) || self.machine.has_motions()
     }
 
-    fn push(&mut self, now: Instant, line: path::Line) -> Pushed {
+    fn push(&mut self, now: Instant, line: Straight) -> Pushed {
         let is_jog = matches!(line.rate, Rate::Jog(_));
         let settings = &self.memory.settings;
         if settings.soft_limits() && !is_jog && settings.is_beyond(line.to) {
