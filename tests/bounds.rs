@@ -24,7 +24,7 @@ fn text(output: &Output) -> String {
     String::from_utf8_lossy(&[&output.stdout[..], &output.stderr].concat()).into_owned()
 }
 
-/// The spindle turns for eight hours, and tells of it. Then it is given a frame.
+/// The spindle turns for eight hours, and reports it all that time. Then it is given a frame.
 const LONG: &str = r#"
 name = "a long run and then a frame"
 end = "30100 s"

@@ -102,7 +102,7 @@ fn a_rig_answers_and_ends_in_the_middle_of_a_long_step() {
     for driver in [&["--pace", "max"][..], &["--pace", "max", "--in-process"]] {
         let mut up = Up::start(driver);
         let mut pc = up.pc();
-        // The spindle has much to tell of every second in which it turns.
+        // The spindle has much to report every second in which it turns.
         pc.write(&[0x4b, 0xe1, 0, 0, 0, 0, 0, 0]);
         pc.expect(&[ACK, XON]);
         ctl(&up, &["pause"]);
@@ -372,7 +372,7 @@ fn a_rig_without_file_descriptors_is_steered_again_when_it_has_some() {
     command.args(["-c", script, env!("CARGO_BIN_EXE_torno"), folder.path().join("pc").to_str().unwrap()]);
     let up = Up::launch(command, folder);
     let open = || fs::read_dir(format!("/proc/{}/fd", up.pid())).unwrap().count();
-    let refuses = || up.log().contains("nobody new can steer the rig for now");
+    let refuses = || up.log().contains("no one new can steer the rig for now");
     let mut clients = Vec::new();
     while !refuses() {
         let before = open();
@@ -470,7 +470,7 @@ fn shows_all_in_order(pace: &str) {
 fn what_a_motor_does_is_watched_when_it_does_it() {
     let up = Up::start(&["--pace", "20"]);
     let mut pc = up.pc();
-    // 2000 rpm, and no drive: it coasts for half a minute, and nobody asks its board for anything.
+    // 2000 rpm, and no drive: it coasts for half a minute, and no one asks its board for anything.
     for frame in [[0x64, 0, 0, 0, 0, 0, 0, 0], AT_REST] {
         pc.write(&frame);
         pc.expect(&[ACK, XON]);
@@ -625,7 +625,7 @@ fn a_noisy_rig_at_full_speed_answers() {
     let now = || ctl(&up, &["state"])["ns"].as_u64().unwrap();
     let before = now();
     wait_until("time goes on", || now() > before + 1_000_000_000);
-    // Noise that nobody hears goes on with time.
+    // Noise that no one hears goes on with time.
     kill("-KILL", up.board("depth"));
     up.wait_for_log("died: signal: 9");
     let before = now();
@@ -633,7 +633,7 @@ fn a_noisy_rig_at_full_speed_answers() {
     end_without_a_board(up);
 }
 
-/// The engine waits for whoever watches; nobody else must wait with it.
+/// The engine waits for whoever watches; no one else must wait with it.
 #[test]
 fn a_fault_that_waited_does_not_hold_time() {
     let folder = folder();
@@ -687,7 +687,7 @@ fn the_socket_is_the_owners_and_goes_with_the_rig() {
     let folder = folder();
     let path = folder.path().join("steer");
     let word = path.to_str().unwrap();
-    // One that nobody listens to any more is replaced.
+    // One that no one listens to any more is replaced.
     drop(UnixListener::bind(&path).unwrap());
     let up = Up::start(&["--control", word]);
     assert_eq!(fs::symlink_metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);

@@ -33,7 +33,7 @@ pub(crate) fn marked(trace: &Trace) -> Errors {
     bad.map(|heard| (heard.at.as_nanos(), trace.header.layout.lines[heard.line].name.clone())).collect()
 }
 
-/// The errors that the boards tell of.
+/// The errors that the boards report.
 pub(crate) fn told(trace: &Trace) -> Errors {
     let boards = &trace.header.layout.boards;
     let told = trace.facts.iter().filter_map(|fact| {

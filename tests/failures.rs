@@ -66,7 +66,7 @@ fn board_fault(board: &str, kind: &str, at: f64) -> String {
 fn a_slave_whose_answers_are_cut_off_in_motion_is_reported_within_three_seconds() {
     for at in [7.0, 20.5] {
         let played = fails(INFEED, &cut("depth_to_master", at), at, Slave::Depth, Fault::NoAnswer);
-        // Nobody told the axis to stop: it does what it was told, and no more.
+        // No one told the axis to stop: it does what it was told, and no more.
         assert_eq!(telemetry(&played, "depth", "position_counts"), 400);
         assert_eq!(telemetry(&played, "transverse", "position_counts"), 0);
     }

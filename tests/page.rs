@@ -220,7 +220,7 @@ fn a_browser_that_stalls_leaves_the_rig_as_it_is_and_is_told_what_it_lost() {
     assert!(ns(&after) > first);
     // Who closes is forgotten.
     drop((stalled, reader));
-    wait_until("nobody is looked at for", || page.ask(&json!({ "do": "state" }))["ok"]["ns"].as_u64() > Some(last));
+    wait_until("no one is looked at for", || page.ask(&json!({ "do": "state" }))["ok"]["ns"].as_u64() > Some(last));
     end(up);
 }
 
@@ -329,7 +329,7 @@ fn what_a_program_outside_has_made_is_drawn_reported_and_dumped_at_the_end() {
     end(up);
     let read = |path: &str| std::fs::read_to_string(path).unwrap();
     let drawing = read(&part);
-    assert!(drawing.contains("nobody knows what was asked") && !drawing.contains("(asked)"), "{drawing}");
+    assert!(drawing.contains("no one knows what was asked") && !drawing.contains("(asked)"), "{drawing}");
     // 28 mm, less ten slots of the twelve on either side, but for what the slide lacks of the last.
     assert!(drawing.contains("Ø24."), "{drawing}");
     let html = read(&report);

@@ -13,7 +13,7 @@ use torno_protocol::lathe::Program;
 /// A slot of the depth axis, in mm of diameter: within one it is in position.
 const SLOT: f64 = 2.0 * 160.0 / 900.0;
 
-/// What `torno run` tells of the part, with these arguments.
+/// What `torno run` says of the part, with these arguments.
 fn run(arguments: &[&str]) -> Value {
     let output = output(&[&["run", "--in-process", "--json"], arguments].concat());
     assert_eq!(String::from_utf8_lossy(&output.stderr), "");

@@ -257,7 +257,7 @@ fn wrong_speed_gives_framing_errors_until_it_is_put_right() {
         up.wait_for_log("framing error on the line from the PC");
         up.wait_for_log("frame refused: line error");
         assert_eq!(times(&up, "distributed"), 0);
-        // The refusal itself is unreadable at this speed. A client that starts anew is understood after a silence.
+        // The refusal itself is unreadable at this speed. A client that restarts is understood after a silence.
         drop(pc);
         up.wait_for_log("the PC port has been closed");
         thread::sleep(Duration::from_millis(100));
@@ -329,7 +329,7 @@ fn valid_frame_after_a_line_error_is_obeyed_at_full_speed_too() {
     pc.expect(&[ACK, XON]);
 }
 
-/// Nobody hears what the PC sends meanwhile, so nothing holds it back: it is sent once.
+/// No one hears what the PC sends meanwhile, so nothing holds it back: it is sent once.
 #[test]
 fn what_is_sent_to_a_stopped_master_at_full_speed_is_sent_once() {
     let up = traced(&["--pace", "max"]);
@@ -583,7 +583,7 @@ fn stty_and_cat_send_a_program_that_is_held() {
     let folder = folder();
     let bytes = folder.path().join("program");
     fs::write(&bytes, [&FEED[..], &AT_REST.repeat(20)].concat()).unwrap();
-    // Nobody has the port open any more while the rest leaves.
+    // No one has the port open any more while the rest leaves.
     shell("stty -F $0 9600 raw -echo ixon; cat $1 >$0", &[&up.link(), &bytes]);
     wait_for_times(&up, "all slaves done", 21);
     assert!(times(&up, "frame held") > 0);

@@ -156,7 +156,7 @@ fn any_rig_has_a_report_and_names_do_not_break_it() {
     assert!(
         CHARTS.iter().all(|id| chart(&html, id).contains("<polyline") || id.ends_with("bus") || id.ends_with("close"))
     );
-    // Nothing has happened, and nobody has written down how it ended.
+    // Nothing has happened, and no one has written down how it ended.
     let trace = Trace::new(RigFile::load("lathe").unwrap().header("lathe", 0, None));
     let html = Page { trace: &trace, summary: None, cut: None, faults: &[] }.html();
     assert!(html.contains("not ended") && html.contains("a recording") && !html.contains("NaN"));

@@ -138,7 +138,7 @@ fn the_summary_for_people_shows_five_processes_and_ends_with_completed() {
     let pids: BTreeSet<u64> = ["harness", "master", "spindle", "transverse", "depth"].map(pid).into();
     assert_eq!(pids.len(), 5, "{text}");
     assert!(text.ends_with("completed\n"), "{text}");
-    assert!(!text.contains('\x1b'), "no colours where nobody looks: {text}");
+    assert!(!text.contains('\x1b'), "no colours where no one looks: {text}");
     assert!(text.contains("30 of 30 sent"), "{text}");
 }
 

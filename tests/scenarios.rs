@@ -614,7 +614,7 @@ fn what_is_wrong_with_a_file_is_told() {
         ),
         (fault("line = \"pc_to_master\"\nkind = \"noise\""), "4:8", "expected period or value"),
         (fault("line = \"pc_to_master\"\nkind = \"noise\"\nvalue = \"51 %\""), "5:9", "0 % to 50 %"),
-        // What nobody can hear, or send.
+        // What no one can hear, or send.
         (step("wait = { reply = \"NAK z\" }"), "4:18", "there is no reply 'NAK z': did you mean 'NAK d'?"),
         (step("wait = { reply = \"CAN d\" }"), "4:18", "there is no reply 'CAN d': did you mean 'CAN d n'?"),
         (step("wait = { reply = \"ACK XON\" }"), "4:18", "expected one reply, found 2"),

@@ -148,7 +148,7 @@ fn is_readable(file: &fs::File) -> bool {
     poll(&mut [PollFd::new(file, PollFlags::IN)], Some(&tick)).unwrap() > 0
 }
 
-/// Nobody has the port: it can be had for oneself alone.
+/// No one has the port: it can be had for oneself alone.
 fn is_free(port: &str) -> bool {
     serialport::new(port, 9600).open_native().is_ok()
 }

@@ -267,7 +267,7 @@ fn scenarios_are_chosen_by_a_text_in_their_name_or_file() {
     let (code, out, err) = test(folder.path(), &[".", "-k", "turnip"]);
     assert_eq!((code, out.as_str()), (Some(2), ""));
     assert!(err.contains("no scenario has 'turnip' in its name or in the path of its file"), "{err}");
-    // Of one that is no TOML nobody knows the name.
+    // Of one that is no TOML no one knows the name.
     let folder = tree(&[("a.toml", "name = \"turn"), ("b.toml", PASSES)]);
     let (code, out, _) = test(folder.path(), &[".", "-k", "turn"]);
     assert_eq!((code, verdicts(&out)), (Some(2), vec![("BROKEN", "./a.toml"), ("passed", "./b.toml")]));

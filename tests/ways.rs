@@ -434,7 +434,7 @@ fn malformed_half_and_endless_negotiation_does_no_harm() {
     let before = memory(&up);
     let pc = Client::of(&up);
     rustix::net::sockopt::set_socket_recv_buffer_size(&pc.0, 4096).unwrap();
-    // Two options that are refused for ever, and nobody reads the refusals.
+    // Two options that are refused for ever, and no one reads the refusals.
     pc.0.set_nonblocking(true).unwrap();
     let endless = [255, 253, 1, 255, 251, 77].repeat(1000);
     let mut is_full = || matches!((&pc.0).write(&endless), Err(error) if error.kind() == ErrorKind::WouldBlock);

@@ -161,7 +161,7 @@ impl Channel {
     }
 }
 
-/// Whether a socket does not take anything as nobody is at its other end.
+/// Whether a socket does not take anything as no one is at its other end.
 pub(crate) fn is_gone(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::BrokenPipe | io::ErrorKind::ConnectionReset)
 }
@@ -188,7 +188,7 @@ mod tests {
     async fn what_the_socket_does_not_take_is_queued_and_sent_while_the_answer_is_waited_for() {
         let (mut a, mut b) = pair();
         let texts = ["x".repeat(LONG), "y".to_owned(), "z".repeat(LONG)];
-        // Nobody reads yet: this would block.
+        // No one reads yet: this would block.
         texts.iter().for_each(|text| a.send(text).unwrap());
         assert!(a.is_queued() && a.bytes().to < LONG as u64);
         let other = tokio::spawn(async move {

@@ -77,7 +77,7 @@ impl KeptFile {
             Err(error) if error.kind() == io::ErrorKind::NotFound => (owners_permissions(), None),
             Err(error) => return Err(unreadable(error)),
             Ok(found) if !found.is_file() => {
-                return Err(unreadable(io::Error::other("expected a file that can be written anew")));
+                return Err(unreadable(io::Error::other("expected a file that can be rewritten")));
             }
             Ok(found) => match text_file::read(&path) {
                 Ok(text) => (Some(found.permissions()), Some(text)),

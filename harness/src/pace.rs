@@ -132,7 +132,7 @@ impl Brake {
         }
     }
 
-    /// Time should have gone no further than `reached` by now. A host that is far behind starts anew from there; says
+    /// Time should have gone no further than `reached` by now. A host that is far behind starts again from there; says
     /// by how much wall time.
     pub fn reached(&mut self, reached: Instant) -> Option<Duration> {
         if self.paused.is_some() {

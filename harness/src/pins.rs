@@ -1,6 +1,6 @@
 //! The pins between the boards' firmware and their motors, for a waveform dump.
 //!
-//! No board tells of its pins while a rig runs: a pulse-width modulator alone has 2400 edges a second. Between inputs a
+//! No board reports its pins while a rig runs: a pulse-width modulator alone has 2400 edges a second. Between inputs a
 //! board is deterministic, and a trace holds all inputs. So each board runs once more, by itself and in this process,
 //! hears what it heard, and has its pins watched.
 

@@ -314,7 +314,7 @@ impl Session {
 
     /// Lets everything happen until the rig is quiet, and nothing at `limit` and later. Gives what has happened and,
     /// if the rig is quiet, when that is over: not before `least`. For a rig in which nothing is planned, watched or
-    /// disturbed: nobody has to be asked on the way.
+    /// disturbed: no one has to be asked on the way.
     ///
     /// # Errors
     /// As for a [step](Self::step).

@@ -71,7 +71,7 @@ pub(crate) struct OwnSocket {
 }
 
 impl OwnSocket {
-    /// Opens the socket for the current user. One that nobody listens to is replaced.
+    /// Opens the socket for the current user. One that no one listens to is replaced.
     ///
     /// # Errors
     /// [`SocketError`]: what to do.
@@ -126,7 +126,7 @@ impl OwnSocket {
 
 impl Drop for OwnSocket {
     fn drop(&mut self) {
-        // Nobody is left to tell if this fails; the next rig replaces a socket that nobody listens to.
+        // No one is left to tell if this fails; the next rig replaces a socket that no one listens to.
         let identity = |file: Stat| (file.st_dev, file.st_ino);
         let [ours, found] =
             [rustix::fs::fstat(&self.file), rustix::fs::lstat(&self.path)].map(|file| file.map(identity));

@@ -39,7 +39,7 @@ pub enum Order {
 /// What the PC must be told of the board's start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Beginning {
-    /// Its supply has come. For all that is known, so has everybody's: nobody waits for anything.
+    /// Its supply has come. For all that is known, so has everybody's: no one waits for anything.
     WithTheMachine,
     /// It has restarted amid the machine's work. The PC is to be told then.
     Alone(Instant),

@@ -65,7 +65,7 @@ pub(crate) enum Due {
     Enquiry,
     /// It is lost: the PC must be told.
     Lost,
-    /// Nobody waits for it.
+    /// No one waits for it.
     Nothing,
 }
 
@@ -289,7 +289,7 @@ mod tests {
         let mut slave = lost();
         assert_eq!(slave.byte(ms(5000), BEL), Report::Back);
         assert_eq!(slave.poll_timeout(), Some(ms(6000)));
-        assert_eq!(say(&mut slave, EVEN), Report::Done, "nobody has the count any more");
+        assert_eq!(say(&mut slave, EVEN), Report::Done, "no one has the count any more");
         slave.start(ms(6_000));
         assert_eq!([say(&mut slave, EVEN), say(&mut slave, EVEN)][1], Report::Failed(Fault::Garbled));
     }

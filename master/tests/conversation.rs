@@ -757,7 +757,7 @@ fn a_master_that_loses_its_supply_is_silent_and_starts_anew() {
         let on = bench.now + ms(500);
         bench.run(ms(100));
         (1..=3).for_each(|port| _ = bench.received(port));
-        // Nobody is there.
+        // No one is there.
         bench.send(0, &AT_REST);
         bench.slaves_done();
         assert_eq!(bench.replies(), []);

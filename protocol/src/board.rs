@@ -329,7 +329,7 @@ pub struct Description {
     pub capabilities: Vec<Capability>,
     /// Its motors.
     pub motors: Vec<Motor>,
-    /// The pins that it tells of.
+    /// The pins that it reports.
     pub pins: Vec<OutputPin>,
 }
 

@@ -25,7 +25,7 @@ fn ms(ms: u64) -> Instant {
     Instant::START + Span::from_millis(ms)
 }
 
-/// Echoes each good character some time later, by the port that it came by, and tells of all that reaches it.
+/// Echoes each good character some time later, by the port that it came by, and reports all that reaches it.
 #[derive(Clone, Debug)]
 struct Echo {
     clock: Clock,

@@ -193,7 +193,7 @@ mod tests {
     use super::*;
     use crate::Slide;
 
-    /// A machine, and a slide that is told what telemetry tells of it.
+    /// A machine, and a slide that is told what telemetry reports of it.
     struct Followed {
         machine: DepthMachine,
         slide: Slide,

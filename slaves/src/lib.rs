@@ -7,13 +7,13 @@
 //! A slave has two halves. The **machine** is a control law with an encoder and a plant: [`Spindle`] regulates the
 //! main motor's speed (§4, Eq. 1–7), [`Transverse`] the feed axis's position (§4, Eq. 8–15), [`Depth`] switches the
 //! infeed motor on and off (§4); a [`Task`] samples it and does what all have in common. The **link** is the same for
-//! all three: it puts sub-frames together and answers the master. A board that needs no link, because nobody sends it
+//! all three: it puts sub-frames together and answers the master. A board that needs no link, because no one sends it
 //! sub-frames, runs the tasks.
 //!
 //! [`Slide`] is where the infeed's slide is between two of its counts, for who looks on from outside.
 //!
 //! A plant moves on only when something happens on its own board, in closed form over the time that has passed; so
-//! nobody can tell when somebody else looked.
+//! no one can tell when somebody else looked.
 
 mod control;
 mod depth;

@@ -89,13 +89,13 @@ pub(crate) struct Link<const N: usize> {
     state: State,
     /// Of the sub-frames taken since the start.
     parity: Parity,
-    /// It has started anew and has not been asked since.
+    /// It has restarted and has not been asked since.
     untold: bool,
     sub_frame: [u8; N],
     length: usize,
     /// After the last character: the silence that separates sub-frames is over.
     gap_at: Instant,
-    /// Something was out of place: until the next gap nobody knows where a sub-frame would start.
+    /// Something was out of place: until the next gap no one knows where a sub-frame would start.
     out_of_step: bool,
     transmitter: Transmitter,
     events: VecDeque<(Event, i64)>,
@@ -184,7 +184,7 @@ impl<const N: usize> Link<N> {
         self.answer();
     }
 
-    /// The firmware starts anew. A character on the line goes on.
+    /// The firmware restarts. A character on the line goes on.
     pub(crate) fn reset(&mut self) {
         self.state = State::Faulted(Fault::Restarted);
         self.parity = Parity::default();
@@ -195,7 +195,7 @@ impl<const N: usize> Link<N> {
         self.tell(Event::Reset, 0);
     }
 
-    /// The supply goes or comes: the firmware starts anew, and no character is on the line.
+    /// The supply goes or comes: the firmware restarts, and no character is on the line.
     pub(crate) fn power(&mut self, clock: Clock) {
         let events = core::mem::take(&mut self.events);
         *self = Self { events, ..Self::new(clock) };
@@ -262,7 +262,7 @@ impl<const N: usize> Link<N> {
     }
 
     /// What may have been a sub-frame is not executed. Of a busy slave the master expects none, and of one that has
-    /// started anew there is more to tell.
+    /// restarted there is more to tell.
     fn miss(&mut self) {
         if !self.is_busy() && !self.untold {
             self.state = State::Faulted(Fault::Garbled);

@@ -60,7 +60,7 @@ pub trait Machine {
     /// [`MotorStimulus::Drive`](torno_protocol::board::MotorStimulus::Drive).
     fn serve(&mut self, per_mille: i32);
 
-    /// The firmware starts anew. The plant stays as it is, but for the drive, which is off.
+    /// The firmware restarts. The plant stays as it is, but for the drive, which is off.
     fn reset(&mut self, now: Instant);
 
     /// Without a sub-frame or a stimulus, further samples would change nothing.

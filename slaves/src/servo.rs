@@ -202,7 +202,7 @@ impl Servo {
             outputs: VecDeque::new(),
         };
         servo.telemetry = Telemetry::new(servo.values());
-        // A load may move the axis that nobody drives.
+        // A load may move the axis that no one drives.
         servo.run_unless_at_rest(Instant::START);
         servo
     }

@@ -13,7 +13,7 @@ const SLOWEST_CLOCK: f64 = 1.25;
 /// The place of the infeed's slide between two edges of its encoder.
 ///
 /// A count is a slot, and the slide stops just past an edge. Where, the law of the motor says. This is that law once
-/// more, told what the board tells of its drive and of its count. While nothing is broken it is where the board's own
+/// more, told what the board reports of its drive and its count. While nothing is broken it is where the board's own
 /// slide is. A count that contradicts it puts it there: at an edge that the slide has come over, or into its slot.
 #[derive(Clone, Debug)]
 pub struct Slide {

@@ -27,7 +27,7 @@ impl<M: Machine> Task<M> {
         let (machine, timing) = M::new(settings);
         let telemetry = Telemetry::new(machine.values());
         let mut task = Self { schedule: Schedule::new(timing, clock), telemetry, pins: None, machine };
-        // A load may move the axis that nobody drives.
+        // A load may move the axis that no one drives.
         task.sample_unless_at_rest(Instant::START);
         task
     }
@@ -61,7 +61,7 @@ impl<M: Machine + ?Sized> Task<M> {
         self.note(now);
     }
 
-    /// The firmware starts anew.
+    /// The firmware restarts.
     pub fn reset(&mut self, now: Instant) {
         self.machine.reset(now);
         self.note(now);

@@ -407,7 +407,7 @@ fn a_reset_loses_the_firmwares_state_and_not_the_position() {
     bench.send(&way(1, 1)[..2]);
     bench.stimulus(Stimulus::Reset);
     assert_eq!((bench.value("drive"), bench.board.mute()), (0, true));
-    // The carriage coasts on (3733 counts/s for 0.72 s) and then stands; nothing is said, and nobody holds it.
+    // The carriage coasts on (3733 counts/s for 0.72 s) and then stands; nothing is said, and no one holds it.
     bench.run_ms(s(20));
     let after = bench.value("position_counts");
     assert!((after - before - 2_683).abs() < 150, "{before} {after}");

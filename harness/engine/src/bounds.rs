@@ -1,7 +1,7 @@
 //! How far each board may go: its earliest input time (EIT), kept up to date at a cost that goes with what has changed.
 //!
 //! Each line's part in its receiver's `EIT` is kept, and each board knows which line it owes its own to. If that line's
-//! part comes later than before, the board starts anew from infinity, and so does whoever relied on it; from there all
+//! part comes later than before, the board restarts from infinity, and so does whoever relied on it; from there all
 //! go down again to what the lines say. What has not changed is not looked at.
 
 use torno_protocol::time::Instant;
@@ -32,7 +32,7 @@ impl Reach {
 #[derive(Debug, Default)]
 pub(super) struct Agenda {
     lines: Vec<LineId>,
-    anew: Vec<NodeId>,
+    restarted: Vec<NodeId>,
     lowered: Vec<NodeId>,
     sending: Vec<Sending>,
 }
@@ -62,7 +62,7 @@ impl Engine {
         }
         self.start_anew(&mut agenda);
         self.lower(&mut agenda);
-        agenda.anew.drain(..).chain(agenda.lowered.drain(..)).for_each(|id| _ = changed.insert(id));
+        agenda.restarted.drain(..).chain(agenda.lowered.drain(..)).for_each(|id| _ = changed.insert(id));
         changed.iter().for_each(|id| self.reconsider(id));
         changed.clear();
         agenda.lines.clear();
@@ -71,7 +71,7 @@ impl Engine {
         self.check();
     }
 
-    /// Looks at the lines that have changed. Boards whose `EIT` may come later than before start anew from infinity.
+    /// Looks at the lines that have changed. Boards whose `EIT` may come later than before restart from infinity.
     fn start_anew(&mut self, agenda: &mut Agenda) {
         let mut next = 0;
         while let Some(line) = agenda.lines.get(next).copied() {
@@ -82,7 +82,7 @@ impl Engine {
             if reach.effect > before.effect && self.nodes[to].owes_eit_to == Some(line) {
                 let node = &mut self.nodes[to];
                 (node.eit, node.owes_eit_to) = (Instant::NEVER, None);
-                agenda.anew.push(to);
+                agenda.restarted.push(to);
                 agenda.lines.extend(node.sends_to.iter().flatten().filter(|line| self.reaches[**line].relies));
                 agenda.lines.extend(self.disturbed.iter().filter(|line| self.lines[*line].touches_others()));
             }
@@ -91,7 +91,7 @@ impl Engine {
 
     /// Lets every `EIT` go down to what the lines say.
     fn lower(&mut self, agenda: &mut Agenda) {
-        for id in &agenda.anew {
+        for id in &agenda.restarted {
             let node = &mut self.nodes[*id];
             let reaches = node.hears.iter().map(|(_, line)| (self.reaches[*line].effect, *line));
             if let Some((effect, line)) = reaches.min().filter(|(effect, _)| !effect.is_never()) {

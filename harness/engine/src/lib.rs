@@ -343,7 +343,7 @@ impl Engine {
         self.note_change(node);
     }
 
-    /// Whether nobody watches and no line is disturbed: then how far time goes at once is of no interest to anybody.
+    /// Whether no one watches and no line is disturbed: then how far time goes at once is of no interest to anybody.
     pub fn is_undisturbed(&self) -> bool {
         self.watches.is_empty() && self.disturbed.iter().next().is_none()
     }
@@ -377,7 +377,7 @@ impl Engine {
         core::mem::take(&mut self.facts)
     }
 
-    /// Takes back the memory of facts that nobody needs any more.
+    /// Takes back the memory of facts that no one needs any more.
     pub fn reuse(&mut self, mut facts: Vec<Fact>) {
         if self.facts.capacity() == 0 {
             facts.clear();
@@ -418,7 +418,7 @@ impl Engine {
     /// Takes a board's answer to its grant.
     ///
     /// # Errors
-    /// [`LateOutput`] if the board tells of something that came too late.
+    /// [`LateOutput`] if the board reports something that came too late.
     pub fn answer(&mut self, node: NodeId, report: Report) -> Result<(), LateOutput> {
         let commit = self.nodes[node].commit;
         // Telemetry of a mute board comes when the board is woken, however late that is.

@@ -170,7 +170,7 @@ impl Node {
         })
     }
 
-    /// The line that a port sends on. What a board tells of ports that it has not got goes nowhere.
+    /// The line that a port sends on. What a board sends on a port that it does not have is lost.
     pub(super) fn line_of(&self, port: u8) -> Option<LineId> {
         self.sends_to.get(usize::from(port)).copied().flatten()
     }

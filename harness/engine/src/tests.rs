@@ -369,7 +369,7 @@ proptest! {
         mut cuts in prop::collection::vec(instants(0..3_500), 0..30),
     ) {
         losses.sort_by_key(|(at, ..)| *at);
-        // Nobody speaks through a process that is stopped.
+        // No one speaks through a process that is stopped.
         let ring = Ring { stimuli: vec![], faults, losses, ..ring };
         cuts.sort();
         let until = Instant::START + Span::from_millis(3_500);

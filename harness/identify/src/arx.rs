@@ -25,7 +25,7 @@ impl Regression {
         let period = data.even_period()?;
         let samples = data.samples();
         let pairs: Vec<_> = samples.windows(2).collect();
-        // A mean speed also tells of the input before; with an input that never changes there is no telling them apart.
+        // A mean speed also depends on the input before. If the input never changes, the two cannot be told apart.
         let two = data.sensor() == Sensor::Mean && pairs.iter().any(|pair| pair[0].input != pair[1].input);
         let regressors = DMatrix::from_fn(pairs.len(), if two { 3 } else { 2 }, |row, column| match column {
             0 => pairs[row][0].speed,

@@ -10,7 +10,7 @@ pub struct Estimate {
 }
 
 impl Estimate {
-    /// A number of which nobody says how sure it is.
+    /// A number of which no one says how sure it is.
     pub const fn bare(value: f64) -> Self {
         Self { value, half: None }
     }

@@ -302,7 +302,7 @@ mod tests {
             for (motor, named) in (0..).zip(&description.motors) {
                 let is_told = |role| description.signal(motor, role, None).is_some();
                 if named.capabilities.contains(&Capability::Stepper) {
-                    // Its set point and its position are lengths, and nobody drives it freely.
+                    // Its set point and its position are lengths, and no one drives it freely.
                     assert!(is_told(Role::SetPoint) && is_told(Role::Position), "{kind} {}", named.name);
                     assert!(carriage(kind, "", motor).unwrap().is_some(), "{kind} {}", named.name);
                     continue;

@@ -8,7 +8,7 @@ pub type OnBench = Result<Motor, &'static str>;
 /// What a board lacks that has nothing to drive.
 pub(crate) const NO_MOTOR: &str = "has no motor";
 
-/// What telemetry tells of a motor's shaft.
+/// The telemetry of a motor's shaft.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Encoder {
     /// The counts of the window that ends at the sample.

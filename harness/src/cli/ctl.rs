@@ -226,7 +226,7 @@ impl Arguments {
     }
 }
 
-/// Prints what follows, as it comes. That nobody reads it ends it, and is no error.
+/// Prints what follows, as it comes. That no one reads it ends it, and is no error.
 fn follow(mut answers: BufReader<UnixStream>) -> anyhow::Result<()> {
     let mut output = BufWriter::new(io::stdout().lock());
     let mut line = Vec::new();

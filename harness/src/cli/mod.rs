@@ -301,7 +301,7 @@ fn load_trace(path: &Path) -> anyhow::Result<(Trace, Option<Damage>)> {
     Ok((trace, damage))
 }
 
-/// Does something in a thread of its own; None, if a signal came first. Then nobody waits for it: what it still does
+/// Does something in a thread of its own; None, if a signal came first. Then no one waits for it: what it still does
 /// ends with the program.
 async fn unless_interrupted<T: Send + 'static>(act: impl FnOnce() -> T + Send + 'static) -> io::Result<Option<T>> {
     let mut interrupt = Interrupt::listen()?;

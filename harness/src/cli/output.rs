@@ -42,7 +42,7 @@ pub(super) fn print_beside(files: &[&Option<PathBuf>], text: &str) -> anyhow::Re
     Ok(())
 }
 
-/// That nobody reads it is no error.
+/// That no one reads it is no error.
 fn put(mut output: impl Write, bytes: &[u8]) -> anyhow::Result<()> {
     match output.write_all(bytes).and_then(|()| output.flush()) {
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),

@@ -81,7 +81,7 @@ struct SoFar {
     firsts: [Option<(Job, Tested)>; 2],
     /// Why it cannot go on.
     error: Option<anyhow::Error>,
-    /// Nobody waits for more of it.
+    /// No one waits for more of it.
     over: bool,
 }
 

@@ -71,7 +71,7 @@ struct SoFar {
     attempts: Vec<Attempt>,
     /// The exit status of the scenarios that could not be run.
     status: Option<u8>,
-    /// Nobody waits for more of it.
+    /// No one waits for more of it.
     over: bool,
 }
 

@@ -210,7 +210,7 @@ impl Made<'_> {
         self.drawing.is_some() || self.report.is_some() || self.vcd.is_some()
     }
 
-    /// Writes it. What a program outside has asked for, nobody knows.
+    /// Writes it. What a program outside has asked for, no one knows.
     fn write(self, rig: &RigFile, left: &Left) -> anyhow::Result<()> {
         let cut = rig.part.clone().zip(left.turned.clone());
         let cut = cut.map(|(part, turned)| Cut::new(part, None, turned, None));

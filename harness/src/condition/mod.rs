@@ -18,7 +18,7 @@ pub enum Condition {
     Reply(String),
     /// A quantity is within bounds.
     Value(Claim),
-    /// A board tells of an event.
+    /// A board reports an event.
     Event {
         /// The board.
         node: NodeId,

@@ -15,7 +15,7 @@ const HELPING: usize = 64 << 10;
 
 #[derive(Debug)]
 struct Shared {
-    /// None, if nobody reads any more.
+    /// None, if no one reads any more.
     backlog: Mutex<Option<Backlog>>,
     news: Notify,
 }
@@ -60,7 +60,7 @@ impl Rows {
         self.0.news.notify_one();
     }
 
-    /// Whether nobody reads them any more.
+    /// Whether no one reads them any more.
     pub fn is_closed(&self) -> bool {
         self.0.backlog().is_none()
     }

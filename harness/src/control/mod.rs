@@ -1,6 +1,6 @@
 //! Steering a rig that runs: its control socket, and what is said over it.
 //!
-//! The socket is a Unix one (mode 0600) that serves nobody but the user who runs the rig. Both ways go lines of JSON: a
+//! The socket is a Unix one (mode 0600) that serves no one but the user who runs the rig. Both ways go lines of JSON: a
 //! request ([`Request`]) is answered by one line, `{"ok": ...}` or `{"error": "..."}`. After [`Request::Watch`] is
 //! answered, lines of what happens follow, as `torno trace` shows them, until the socket is closed; where its reader is
 //! too slow, `{"lost": n}` stands for `n` of them. A line that is no request is answered by an error, and the next one

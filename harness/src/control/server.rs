@@ -18,13 +18,13 @@ use super::backlog::{ROOM, Rows, backlog, lost};
 use super::lines::lines;
 use crate::socket::{OwnSocket, Purpose, SocketError};
 
-/// What is answered when nobody answers.
+/// What is answered when no one answers.
 const ENDED: &str = "the rig has ended";
 /// Requests that wait for the rig.
 const WAITING: usize = 16;
 /// What the socket is for.
 const STEERING: Purpose =
-    Purpose { busy: "a rig is already steered", option: "--control", failing: "nobody new can steer the rig for now" };
+    Purpose { busy: "a rig is already steered", option: "--control", failing: "no one new can steer the rig for now" };
 
 /// A request, and where its answer goes.
 #[derive(Debug)]
@@ -91,7 +91,7 @@ impl Asker {
 }
 
 impl Control {
-    /// Opens the socket for the current user. One that nobody listens to is replaced.
+    /// Opens the socket for the current user. One that no one listens to is replaced.
     ///
     /// # Errors
     /// [`SocketError`]: what to do.

@@ -51,7 +51,7 @@ pub enum BoardFault {
     Crash,
     /// The firmware stands still, and runs on when it is healed.
     Hang,
-    /// The firmware starts anew.
+    /// The firmware restarts.
     Reset,
     /// The supply is gone.
     PowerOff,

@@ -15,7 +15,7 @@ use torno_machines::kinds::KindError;
 use torno_machines::motor::{Encoder, Law, Motor};
 use torno_text::nearest;
 
-/// A step that nobody sized is two thirds of full drive: 20 V of the main motor's 30. (Ours.)
+/// A step that no one sized is two thirds of full drive: 20 V of the main motor's 30. (Ours.)
 const STEP: f64 = 2.0 / 3.0;
 /// A sequence's, if the motor can be driven both ways: 240 of 255 LSB. (Ours.)
 const SEQUENCE: f64 = 240.0 / 255.0;
@@ -40,7 +40,7 @@ pub enum Excitation {
 }
 
 impl Excitation {
-    /// How long it takes if nobody says: enough for the paper's method, and for a percent.
+    /// How long it takes if no one says: enough for the paper's method, and for a percent.
     pub const fn seconds(self, axis: bool) -> f64 {
         match self {
             Self::Step if axis => 10.0,

@@ -258,7 +258,7 @@ impl Visit for LogLine {
 
 /// That so many lines have been dropped.
 fn dropped(lines: u64) -> LogLine {
-    let message = format!("{lines} lines dropped: nobody reads standard error");
+    let message = format!("{lines} lines dropped: no one reads standard error");
     LogLine { ns: NOW.load(Ordering::Relaxed), level: Level::WARN.as_str(), message, ..LogLine::default() }
 }
 

@@ -16,7 +16,7 @@ const PATIENCE: Duration = Duration::from_millis(500);
 
 static STDERR: OnceLock<Lines> = OnceLock::new();
 
-/// Where lines go, one with each write. It never waits; what nobody reads is lost and counted.
+/// Where lines go, one with each write. It never waits; what no one reads is lost and counted.
 #[derive(Clone)]
 pub(super) struct Lines(Arc<Shared>);
 

@@ -111,7 +111,7 @@ pub(crate) fn stderr_is_file() -> bool {
     rustix::fs::fstat(rustix::stdio::stderr()).is_ok_and(is_file)
 }
 
-/// The file itself, without the lock of the standard library's: who holds that while nobody reads holds up all others.
+/// The file itself, without the lock of the standard library's: who holds that while no one reads holds up all others.
 pub(crate) struct Stderr;
 
 impl Write for Stderr {

@@ -32,7 +32,7 @@ pub(super) struct Desk {
     clients: Clients,
     pub(super) pty: Pty,
     queue: Queue,
-    /// Whether a client has set the line, and nobody has been told.
+    /// Whether a client has set the line, and no one has been told.
     set: bool,
     /// Whether there is more to take in than was taken in at once.
     more: bool,
@@ -78,7 +78,7 @@ impl Desk {
         Ok(self.pty.line())
     }
 
-    /// What the first byte that nobody has taken was written in, or what the line is set to.
+    /// What the first byte that no one has taken was written in, or what the line is set to.
     pub(super) fn next_coding(&self) -> LineCoding {
         self.queue.next_coding().unwrap_or(self.pty.line().coding)
     }

@@ -3,10 +3,10 @@
 //! Only the port's own device is watched. inotify merges a notice into the one before it if both are equal and the
 //! older is unread: two opens in a row count as one, and the first close then looks like the last. If the queue is
 //! full, notices are lost. So the count is a guess, and after each close the kernel is asked whether anybody is there:
-//! without the port's own slave descriptor, a pty that nobody has open tells its master side that it is hung up.
+//! without the port's own slave descriptor, a pty that no one has open tells its master side that it is hung up.
 //!
 //! A close is noticed before the kernel has done it, and an opening after. So a kernel that says "somebody" when the
-//! notices say nobody is given time to agree.
+//! notices say no one is given time to agree.
 //!
 //! That descriptor is closed and opened again for this, which gives two notices. It is only for reading: so its close
 //! is told apart from that of a client that writes. But a client that opens in these few microseconds goes unnoticed:
@@ -14,7 +14,7 @@
 //! ever longer intervals: no client goes unnoticed for much longer than the port was free.
 //!
 //! If a client takes the port for itself (`TIOCEXCL`), the port could not open it again, unless it is privileged. Such
-//! a client also lets nobody in whose notices could be merged. So once there has been one, the guess has to do.
+//! a client also lets no one in whose notices could be merged. So once there has been one, the guess has to do.
 
 use std::collections::VecDeque;
 use std::io;
@@ -46,7 +46,7 @@ const LATEST_OF_SOMEBODY: Duration = Duration::from_millis(10);
 /// What became of the port's clients as a whole.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Change {
-    /// A client opened the port, which nobody had open.
+    /// A client opened the port, which no one had open.
     FirstOpened,
     /// The last client closed the port.
     LastClosed,
@@ -83,7 +83,7 @@ struct Own {
 }
 
 impl Clients {
-    /// Watches `slave`, which nobody but the caller has open, and nobody else is told of yet.
+    /// Watches `slave`, which no one but the caller has open, and no one else is told of yet.
     pub(super) fn watch(slave: &Path) -> io::Result<Clients> {
         let notices = inotify::init(CreateFlags::NONBLOCK | CreateFlags::CLOEXEC)?;
         inotify::add_watch(&notices, slave, WatchFlags::OPEN | WatchFlags::CLOSE)?;
@@ -233,12 +233,12 @@ impl Clients {
         (self.doubtful, self.again) = (true, true);
     }
 
-    /// Whether nobody has the port open.
+    /// Whether no one has the port open.
     pub(super) fn nobody(&self) -> bool {
         self.count == 0
     }
 
-    /// The changes that nobody has been told of, oldest first.
+    /// The changes that no one has been told of, oldest first.
     pub(super) fn changes(&mut self) -> &mut VecDeque<Change> {
         &mut self.changes
     }

@@ -30,7 +30,7 @@ pub struct LineSettings {
 /// Something that happened at the PC's port.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum PortEvent {
-    /// A client opened the port, which nobody had open.
+    /// A client opened the port, which no one had open.
     Opened,
     /// The client has raised DTR, where the port [tells](super::PcPort::tells_dtr) of it. Elsewhere it rises with the
     /// open.

@@ -92,7 +92,7 @@ impl Link {
 impl Drop for Link {
     fn drop(&mut self) {
         if files::read_link(&self.path).is_ok_and(|target| target == self.target) {
-            // Nobody is left to tell if this fails; a stale default link is replaced by the next harness.
+            // No one is left to tell if this fails; a stale default link is replaced by the next harness.
             let _ = files::remove_file(&self.path);
         }
         if let Some(lock) = &self.lock {
@@ -121,7 +121,7 @@ pub fn made_folder() -> Result<PathBuf, PortError> {
     Ok(folder)
 }
 
-/// Opens `folder`, made if need be, if nobody but the current user can get at what is in it.
+/// Opens `folder`, made if need be, if no one but the current user can get at what is in it.
 fn private_folder(folder: &Path) -> Result<OwnedFd, PortError> {
     let refused = |errno: Errno| PortError::Folder { folder: folder.to_owned(), cause: errno.into() };
     let not_private = |problem| PortError::NotPrivate { folder: folder.to_owned(), problem };

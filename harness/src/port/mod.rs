@@ -18,7 +18,7 @@
 //! - With IXON, XOFF stops the client's *next* write. What it has written before stays readable here: whoever reads
 //!   the port must stop by itself too.
 //!
-//! Like a serial driver, and like a pty: the kernel takes 9 to 18 KB from a client that nobody reads (and the port 256
+//! Like a serial driver, and like a pty: the kernel takes 9 to 18 KB from a client that no one reads (and the port 256
 //! bytes more), and about 22 KB for a client that does not read. Speed and flow control outlive the client that has
 //! set them, so `stty -F PORT` works. Unlike with a driver, `tcdrain` and `close` return at once, and `TIOCOUTQ` is 0.
 //!

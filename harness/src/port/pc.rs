@@ -47,7 +47,7 @@ impl PcPort {
         }
     }
 
-    /// Whether it tells of DTR. Others have it risen when a client opens them.
+    /// Whether it reports DTR. Others have it risen when a client opens them.
     pub fn tells_dtr(&self) -> bool {
         match self {
             Self::Pty(_) => false,
@@ -106,7 +106,7 @@ impl PcPort {
     /// Writes replies towards the client without waiting.
     ///
     /// Returns how many bytes were lost because the client does not read. With no client they go nowhere, as on a cable
-    /// that nobody listens to, and 0 is returned.
+    /// that no one listens to, and 0 is returned.
     #[must_use = "bytes may have been lost"]
     pub fn write(&mut self, bytes: &[u8]) -> usize {
         match self {

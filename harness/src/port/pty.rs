@@ -51,7 +51,7 @@ pub(super) struct Pty {
     order: Order,
     /// What has happened since the last look.
     marks: Vec<Mark>,
-    /// Whether some of it has been noted that nobody has been told of.
+    /// Whether some of it has been noted that no one has been told of.
     untold: bool,
     /// Whether that look has read anything.
     has_read: bool,
@@ -162,7 +162,7 @@ impl Pty {
                 older = 0;
                 said.push(ClientAction::Flushed);
             }
-            // What is left tells of flushed input, of stopped and restarted output, and of XON/XOFF turned on or off,
+            // What is left says that input was flushed, output stopped or restarted, or XON/XOFF turned on or off,
             // which the settings tell: nothing to us.
         }
         let line = self.settings()?;
@@ -244,7 +244,7 @@ impl Pty {
     /// bytes.
     fn read(&mut self, max: usize) -> io::Result<Option<(u8, Vec<u8>)>> {
         let room = max.saturating_add(1).min(READ_MAX);
-        // Before the read: a flush that the read does not tell of comes after these bytes.
+        // Before the read: a flush that the read does not show comes after these bytes.
         let held = self.readable()?;
         match retry_on_intr(|| rustix::io::read(&self.master[0], &mut self.buffer[..room])) {
             Ok(length) => {
@@ -256,7 +256,7 @@ impl Pty {
                 }
                 Ok(read)
             }
-            // With EIO, nobody has the port open.
+            // With EIO, no one has the port open.
             Err(Errno::AGAIN | Errno::IO) => {
                 self.backlog = 0;
                 Ok(None)
@@ -287,7 +287,7 @@ impl Pty {
         Ok(())
     }
 
-    /// Whether the client has asked that nobody else may open the port.
+    /// Whether the client has asked that no one else may open the port.
     pub(super) fn is_exclusive(&self) -> io::Result<bool> {
         Ok(self.slave.as_ref().map_or(Ok(false), |[slave, _]| exclusive_mode(slave))?)
     }
@@ -307,7 +307,7 @@ impl Pty {
         self.slave = None;
     }
 
-    /// Whether nobody has the slave side open: after it has been [let go](Pty::let_go). Waits for it for so long, if
+    /// Whether no one has the slave side open: after it has been [let go](Pty::let_go). Waits for it for so long, if
     /// that is given, or until there are notices.
     pub(super) fn is_hung_up(&self, wait: Option<(&OwnedFd, Duration)>) -> io::Result<bool> {
         let at_once = Timespec { tv_sec: 0, tv_nsec: 0 };
@@ -325,7 +325,7 @@ impl Pty {
     pub(super) fn take_up(&mut self) -> io::Result<bool> {
         match open_slave(&self.path) {
             Ok(slave) => self.attach(slave).map(|()| true),
-            // Somebody has just taken the port for itself; then the master side tells of its close.
+            // Somebody has just taken the port for itself; then the master side shows its close.
             Err(Errno::BUSY) => Ok(false),
             Err(errno) => Err(errno.into()),
         }
@@ -377,8 +377,8 @@ fn set_line(slave: &OwnedFd, baud: u32) -> rustix::io::Result<Termios> {
     termios::tcgetattr(slave)
 }
 
-/// Makes reads on the master begin with a status byte. Not `EXTPROC`, which would tell of changed settings too: with
-/// it the kernel no longer obeys XOFF.
+/// Makes reads on the master begin with a status byte. Not `EXTPROC`, which would show changed settings too: with
+/// it the kernel no longer acts on XOFF.
 #[allow(unsafe_code)]
 fn packet_mode(master: impl AsFd) -> rustix::io::Result<()> {
     const TIOCPKT: Opcode = 0x5420;

@@ -1,4 +1,4 @@
-//! What clients have done, in order, and nobody has been told of.
+//! What clients have done, in order, and no one has been told of.
 
 use std::collections::VecDeque;
 
@@ -21,7 +21,7 @@ impl Queue {
     /// The next event: data of no more than `max` bytes, and only if they were written in `coding`, if that is given.
     /// Then a break has to wait, too.
     pub(super) fn next(&mut self, max: usize, coding: Option<LineCoding>) -> Option<PortEvent> {
-        // That another client has begun is told even if nobody wants the bytes of the one before.
+        // That another client has begun is told even if no one wants the bytes of the one before.
         if let Some(began) = self.events.iter().position(|event| *event == PortEvent::Began) {
             self.older = began;
             self.left -= usize::from(began < self.left);
@@ -77,7 +77,7 @@ impl Queue {
         self.began = false;
     }
 
-    /// A client has opened the port: those before it have begun for nobody.
+    /// A client has opened the port: those before it have begun for no one.
     pub(super) fn forget_beginnings(&mut self) {
         let earlier = |n: &usize| self.events[*n] == PortEvent::Began;
         let (left, older) = ((0..self.left).filter(earlier).count(), (0..self.older).filter(earlier).count());
@@ -86,7 +86,7 @@ impl Queue {
         self.events.retain(|event| *event != PortEvent::Began);
     }
 
-    /// What the first byte was written in that nobody has taken.
+    /// What the first byte was written in that no one has taken.
     pub(super) fn next_coding(&self) -> Option<LineCoding> {
         self.events
             .iter()

@@ -70,7 +70,7 @@ pub struct TcpPort {
     line: LineSettings,
     /// Whether clients speak RFC 2217.
     controls: bool,
-    /// Whether a client has set the line, and nobody has been told.
+    /// Whether a client has set the line, and no one has been told.
     set: bool,
 }
 
@@ -220,7 +220,7 @@ impl TcpPort {
         }
     }
 
-    /// Lets the next client in, if nobody has the port open, or refuses it. Says whether there was one.
+    /// Lets the next client in, if no one has the port open, or refuses it. Says whether there was one.
     fn answer_next(&mut self, context: &mut Context<'_>) -> bool {
         if self.waiting.is_none()
             && let Poll::Ready(Some((stream, peer))) = self.connections.poll_recv(context)
@@ -421,7 +421,7 @@ async fn accept(listener: TcpListener, connections: mpsc::Sender<(TcpStream, Soc
             }
             Err(error) => {
                 if !failed {
-                    tracing::warn!(%error, "nobody new can open the port for now");
+                    tracing::warn!(%error, "no one new can open the port for now");
                 }
                 tokio::time::sleep(AGAIN).await;
             }
@@ -436,7 +436,7 @@ fn refuse(stream: TcpStream, present: SocketAddr) {
     let Ok(stream) = stream.into_std() else { return };
     let _ = io::Write::write_all(&mut &stream, text.as_bytes());
     let _ = stream.shutdown(std::net::Shutdown::Write);
-    // With bytes that nobody has read, the close would be a reset, and could overtake the text.
+    // With bytes that no one has read, the close would be a reset, and could overtake the text.
     let _ = io::Read::read(&mut &stream, &mut [0; AHEAD]);
 }
 

@@ -89,7 +89,7 @@ impl PtyPort {
     /// Writes replies towards the client without waiting; XON and XOFF among them act on a client that has IXON on.
     ///
     /// Returns how many bytes were lost because the client does not read (the kernel holds about 22 KB for it). With no
-    /// client they go nowhere, as on a cable that nobody listens to, and 0 is returned.
+    /// client they go nowhere, as on a cable that no one listens to, and 0 is returned.
     #[must_use = "bytes may have been lost"]
     pub fn write(&mut self, bytes: &[u8]) -> usize {
         self.attendant.desk().write(bytes)

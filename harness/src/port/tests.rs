@@ -181,7 +181,7 @@ fn unnoticed<T>(port: &PtyPort, act: impl FnOnce() -> T) -> T {
     act()
 }
 
-/// Drops a client, and waits until the system has noticed, while nobody attends to the port.
+/// Drops a client, and waits until the system has noticed, while no one attends to the port.
 ///
 /// The wait is needed because another test may be starting a process, which has a copy of the descriptor until it runs
 /// its program.
@@ -543,9 +543,9 @@ async fn old_replies_do_not_reach_the_next_client() {
     let first = bench.client().await;
     bench.reply(&[b'o'; 6000]);
     drop(first);
-    assert_eq!(bench.port.write(b"for nobody"), 0);
+    assert_eq!(bench.port.write(b"for no one"), 0);
     assert_eq!(bench.event().await, PortEvent::Closed);
-    assert_eq!(bench.port.write(b"for nobody"), 0);
+    assert_eq!(bench.port.write(b"for no one"), 0);
     let second = bench.client().await;
     assert!(!second.readable(Duration::ZERO));
     bench.reply(b"new");
@@ -644,7 +644,7 @@ async fn exclusive_mode_ends_with_its_client() {
     assert_eq!(bench.event().await, PortEvent::Closed);
 }
 
-/// The rig may be busy: nobody asks the port for events.
+/// The rig may be busy: no one asks the port for events.
 #[tokio::test]
 async fn exclusive_mode_ends_with_its_client_even_if_the_rig_does_not_look() {
     let mut bench = Bench::new();
@@ -752,7 +752,7 @@ fn default_link_replaces_a_dead_harness_but_not_a_live_one() {
     drop((live, other));
     assert!(files::symlink_metadata(&link).is_err());
 
-    // A killed harness leaves its link, and a lock file that nobody has locked.
+    // A killed harness leaves its link, and a lock file that no one has locked.
     symlink("/dev/pts/gone", &link).unwrap();
     let next = Link::of_rig(&folder, "lathe", "pc", target).unwrap();
     assert_eq!(files::read_link(next.path()).unwrap(), target);

@@ -45,7 +45,7 @@ const SLOW_BOARD: Duration = Duration::from_secs(10);
 /// Where the boards run.
 #[derive(Clone, Debug)]
 pub enum Driver {
-    /// Each in a process of its own: this program, started anew.
+    /// Each in a process of its own: this program, started again.
     Processes {
         /// The program; it must understand `board KIND`.
         exe: PathBuf,
@@ -417,7 +417,7 @@ impl Rig {
         }
     }
 
-    /// Ends a board as the death of its process would, except that nobody is told: for a run that is repeated. Says
+    /// Ends a board as the death of its process would, except that no one is told: for a run that is repeated. Says
     /// from when on nothing comes from it.
     pub fn end_board(&mut self, node: NodeId) -> Instant {
         self.nodes[node].seat = Seat::Empty;

@@ -281,7 +281,7 @@ impl Clause {
         self.with("character", nth)
     }
 
-    /// The board tells of an event.
+    /// The board reports an event.
     pub fn tells(self, event: &str) -> Self {
         self.with("event", event)
     }

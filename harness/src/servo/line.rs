@@ -41,7 +41,7 @@ pub enum LineError {
 
 /// A serial line as seen from the PC.
 pub trait ServoLine {
-    /// Sends bytes, and tells of each part that has gone; returns when all are on the line.
+    /// Sends bytes, and reports each part that has gone; returns when all are on the line.
     fn send(&mut self, bytes: &[u8], gone: impl FnMut(usize)) -> impl Future<Output = Result<(), LineError>>;
 
     /// What has come; if nothing has, waits for it, but no longer than `patience`. Empty: nothing came.

@@ -57,7 +57,7 @@ pub enum MergeError {
     },
 }
 
-/// Runs of a sweep that nobody has given.
+/// Runs of a sweep that no one has given.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Missing {
     /// So many.

@@ -16,7 +16,7 @@ pub enum Verdict {
     Passed,
     /// Something did not, and the PC was told of a refusal or a failure.
     Told,
-    /// Something did not, and nobody was told.
+    /// Something did not, and no one was told.
     Untold,
     /// Nothing failed, but a fault has not fired.
     Inconclusive,

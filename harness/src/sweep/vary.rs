@@ -200,7 +200,7 @@ impl Scene {
         }
         scene.leave_out();
         let text = toml::to_string(&scene.scenario).unwrap_or_default();
-        // Nobody has the text that this makes before him: what is wrong is what has been put into it.
+        // No one has the text that this makes before him: what is wrong is what has been put into it.
         let mut scenario = Scenario::parse(&self.path, &text, Some(seed)).map_err(|error| match error {
             ScenarioError::Invalid(Invalid { message, .. }) if !values.is_empty() => {
                 let said: Vec<String> = values.iter().map(|(path, value)| format!("{path} = {value}")).collect();

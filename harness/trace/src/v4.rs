@@ -1,4 +1,4 @@
-//! Version 4 of the format: its boards have no output pins, and its facts tell of none.
+//! Version 4 of the format: its boards have no output pins, and its facts report none.
 
 use serde::Deserialize;
 use torno_protocol::board::{Capability, Description, Motor, Signal, Wait};

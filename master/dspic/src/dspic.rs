@@ -72,7 +72,7 @@ impl Dspic {
             depth: DepthTask::new(&settings.depth, clock),
             busy: [false; 3],
         };
-        // Nobody is there to be asked: whatever it begins with, it knows.
+        // No one is there to be asked: whatever it begins with, it knows.
         Self { clock, reception: Reception::new(clock, Beginning::Over), tasks }
     }
 

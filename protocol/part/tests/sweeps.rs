@@ -213,7 +213,7 @@ fn a_tool_that_comes_through_the_wall_is_told_of() {
     assert_eq!(events(Profile::bar(28.0, 60.0), place(0.0, 15.0), &[place(0.0, -0.4)]), []);
 }
 
-/// What docs/part.md says of a nose that nobody makes up for.
+/// What docs/part.md says of a nose that no one makes up for.
 #[test]
 fn a_taper_is_off_by_what_the_documentation_says() {
     for (degrees, rising, falling) in [(5.0, 0.067, 0.073), (15.0, 0.186, 0.243), (30.0, 0.338, 0.586)] {

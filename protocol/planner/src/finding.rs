@@ -1,4 +1,4 @@
-//! What the planner has to tell of a program.
+//! What the planner has to say about a program.
 
 use std::borrow::Cow;
 

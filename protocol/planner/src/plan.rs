@@ -197,7 +197,7 @@ impl Planner {
                 self.findings.warn(Once::Dwell, line, b'g', message);
             }
             Kind::Stop { .. } => {
-                let message = || "a stop has no effect: nobody is waited for".to_owned();
+                let message = || "a stop has no effect: no one is waited for".to_owned();
                 self.findings.warn(Once::Stop, line, b'm', message);
             }
             Kind::Tool(tool) => {

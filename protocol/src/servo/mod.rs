@@ -23,7 +23,7 @@
 //! right from −128 to 127, and wrong beyond without a sign of it (§3.1). See [`telemetry`] and [`shown`]. The sheet
 //! calls −128 a limit like 128; but 128 is already shown as −128, and −128 is still right.
 //!
-//! A byte of telemetry cannot be told from an answer. So during motion the controller answers nothing, and obeys
+//! A byte of telemetry cannot be told from an answer. So during motion the controller answers nothing, and acts on
 //! nothing but `S`; what else comes is taken apart, so that no value in it is taken for an `S`, and dropped. The last
 //! byte of a run is that of its last increment. Who wants to see the axis settle ends the program with a rest (`x0
 //! t1`).

@@ -1,6 +1,6 @@
 //! The following error on the line: one byte of its two.
 
-/// The byte that tells of a following error of so many counts: its low one (§3.1).
+/// The byte that reports a following error of so many counts: its low one (§3.1).
 pub const fn telemetry(error: i64) -> u8 {
     error as u8
 }

@@ -32,7 +32,7 @@ pub struct Character {
     pub byte: u8,
     /// The stop bit was not high (FERR).
     pub framing_error: bool,
-    /// At least one character near this one was lost because nobody fetched it in time (OERR).
+    /// At least one character near this one was lost because no one fetched it in time (OERR).
     pub overrun: bool,
 }
 

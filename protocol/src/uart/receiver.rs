@@ -70,8 +70,8 @@ impl Ear {
     /// The first instant at which an edge at `t`, as yet unheard, can matter to the board behind the receiver.
     pub fn effect(self, t: Instant) -> Instant {
         // One before the start of the character that is coming in can begin another, which then is complete earlier.
-        let anew = t + self.lookahead;
-        if t < self.until { self.delivery.min(anew) } else { anew }
+        let again = t + self.lookahead;
+        if t < self.until { self.delivery.min(again) } else { again }
     }
 }
 

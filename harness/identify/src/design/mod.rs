@@ -11,7 +11,7 @@ pub use lead::Lead;
 pub use pid::{Pid, Structure};
 pub use printed::Printed;
 
-/// The phase margin where nobody asks for another, in degrees. (Ours.)
+/// The phase margin where no one asks for another, in degrees. (Ours.)
 pub const PHASE_MARGIN: f64 = 60.0;
 /// What the crossover is lowered by, again and again, until the margin is there.
 const LOWER: f64 = 0.9;

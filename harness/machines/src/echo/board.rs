@@ -54,7 +54,7 @@ impl EchoBoard {
         }
     }
 
-    /// The firmware starts anew. The character on the line ends as it began.
+    /// The firmware restarts. The character on the line ends as it began.
     fn restart(&mut self) {
         self.due.clear();
         self.pc.clear();

@@ -1,4 +1,4 @@
-//! The way that the tool went: what the boards tell of their axes, and the bar as it is cut along it.
+//! The way that the tool went: what the boards report of their axes, and the bar as it is cut along it.
 
 use std::collections::VecDeque;
 

@@ -9,7 +9,7 @@ use super::forecast::{Forecast, Indices};
 use super::rig::{DISTANCE, SPEED, Seen, watched};
 use crate::identify::report::{Identification, digits, short};
 
-/// A line of a table: its name, what it tells of something, and with how many digits.
+/// A line of a table: its name, its value, and with how many digits.
 pub(super) type Indicator<T, N> = (&'static str, fn(&T) -> N, usize);
 
 impl Identification {
@@ -32,7 +32,7 @@ impl Identification {
 /// A cell of a table of loops.
 type Cell = fn(&Forecast) -> Option<String>;
 
-/// What a table tells of a loop.
+/// What a table shows of a loop.
 pub(super) const MARGINS: [(&str, Cell); 5] = [
     ("crossover, rad/s", |f| f.crossover_rad_per_s.map(|omega| format!("{omega:.2}"))),
     ("phase margin, degrees", |f| f.phase_margin_deg.map(|phase| format!("{phase:.1}"))),

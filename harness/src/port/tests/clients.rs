@@ -6,7 +6,7 @@ use super::*;
 const CLIENTS: u32 = 3000;
 
 /// Each opens the port, waits for a line and closes it. Some then come at once, and some while the port makes sure that
-/// nobody is there.
+/// no one is there.
 const SCRIPT: &str = r#"
 n=0
 while [ $n -lt $1 ]; do

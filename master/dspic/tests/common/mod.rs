@@ -25,7 +25,7 @@ pub(crate) struct Bench {
     pub(crate) now: Instant,
     pc: (Transmitter, Receiver),
     pub(crate) outputs: Vec<(Instant, Output)>,
-    /// What the board has said and nobody has asked for yet: when each byte could be read.
+    /// What the board has said and no one has asked for yet: when each byte could be read.
     said: Vec<(Instant, u8)>,
 }
 
@@ -99,7 +99,7 @@ impl Bench {
         self.said.drain(..).map(|(_, byte)| name(byte)).collect::<Vec<_>>().join(" ")
     }
 
-    /// When the first thing that nobody has asked for yet could be read.
+    /// When the first thing that no one has asked for yet could be read.
     pub(crate) fn answered_at(&self) -> Option<Instant> {
         self.said.first().map(|(at, _)| *at)
     }
