@@ -6,12 +6,13 @@ use std::path::Path;
 use crate::common::play::DEMONSTRATION;
 use crate::common::{folder, json, output};
 use serde_json::Value;
+use torno::job::Outcome;
 use torno::play::Play;
 use torno::rig::Driver;
 use torno::rig::file::RigFile;
 use torno_bus::PcEvent;
 use torno_engine::Fact;
-use torno_protocol::lathe::{Outcome, Program, XON};
+use torno_protocol::lathe::{Program, XON};
 
 /// A taper by small steps: both axes at once.
 const TAPER: &str = "

@@ -7,13 +7,14 @@ use crate::common::play::*;
 use crate::common::{ACK, NAK, XOFF, XON, folder, json, output};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
+use torno::job::Outcome;
 use torno::play::Played;
 use torno::rig::file::RigFile;
 use torno::rig::{Driver, Rig};
 use torno_bus::{PcEvent, PcUart};
 use torno_engine::{Fact, Limit};
 use torno_protocol::board::Stimulus;
-use torno_protocol::lathe::{Fault, Outcome, Slave};
+use torno_protocol::lathe::{Fault, Slave};
 use torno_protocol::time::{Instant, Span};
 
 // --- faults on the way ----------------------------------------------------------------------------------------------

@@ -5,12 +5,12 @@ use std::pin::{Pin, pin};
 use torno_engine::{Fact, NodeId};
 use torno_machines::workpiece::ToolPath;
 use torno_protocol::board::{Kept, Stimulus};
-use torno_protocol::lathe::{Outcome, Program};
+use torno_protocol::lathe::Program;
 use torno_protocol::time::{Instant, Span};
 use torno_trace::{Header, Trace, Waveforms};
 
 use crate::fault::{Planned, Unfired};
-use crate::job::{FrameJob, Job};
+use crate::job::{FrameJob, Job, Outcome};
 use crate::pace::Pace;
 use crate::recorder::Recorder;
 use crate::rig::file::RigFile;

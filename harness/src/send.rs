@@ -6,8 +6,9 @@ use std::time::Duration;
 
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio_serial::{SerialPortBuilderExt, SerialStream};
-use torno_protocol::lathe::{Outcome, Program, Reply, ReplyDecoder, Tally};
+use torno_protocol::lathe::{Program, Reply, ReplyDecoder};
 
+use crate::job::{Outcome, Tally};
 use crate::platform::is_no_terminal;
 
 /// What is to be sent, and where.

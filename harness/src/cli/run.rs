@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use torno::fault::{self, FaultFile};
-use torno::job::{FrameJob, Job, LineJob};
+use torno::job::{FrameJob, Job, LineJob, Outcome};
 use torno::kept::KeptFile;
 use torno::observe::stderr::say;
 use torno::pace::Pace;
@@ -19,7 +19,6 @@ use torno::tracking::{Tracking, has_axes};
 use torno_machines::workpiece::ToolPath;
 use torno_part::{Place, Profile};
 use torno_plot::{Colours, Format};
-use torno_protocol::lathe::Outcome;
 use torno_protocol::time::Span;
 use torno_text::parse_length;
 use torno_trace::Timescale;

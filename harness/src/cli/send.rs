@@ -5,10 +5,11 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
+use torno::job::{Outcome, Tally};
 use torno::report::{Bar, Frames, Summary, failures};
 use torno::send::Send;
 use torno::session;
-use torno_protocol::lathe::{BAUD, Outcome, Tally};
+use torno_protocol::lathe::BAUD;
 use torno_protocol::time::Span;
 
 use super::options::time;

@@ -2,11 +2,11 @@
 
 use torno_bus::{Answer, Conversation};
 use torno_protocol::clock::Clock;
-use torno_protocol::lathe::{FrameDecoder, Outcome, Program, Reply, ReplyDecoder, Tally};
+use torno_protocol::lathe::{FrameDecoder, Program, Reply, ReplyDecoder};
 use torno_protocol::time::Instant;
 use torno_protocol::uart::Character;
 
-use super::Job;
+use super::{Job, Outcome, Tally};
 
 /// A program of frames: written at once, as its `XOFF` holds the PC.
 #[derive(Clone, Debug)]

@@ -3,10 +3,9 @@
 use std::collections::VecDeque;
 
 use torno_bus::{Answer, Conversation};
-use torno_protocol::lathe::Outcome;
 use torno_protocol::time::Instant;
 
-use super::Job;
+use super::{Job, Outcome};
 
 /// So many characters may be with the controller and not answered: one fewer than its buffer holds.
 const WINDOW: usize = 127;

@@ -2,13 +2,16 @@
 
 mod frames;
 mod lines;
+mod outcome;
+mod tally;
 
 use torno_bus::Conversation;
-use torno_protocol::lathe::Outcome;
 use torno_protocol::time::Instant;
 
 pub use frames::{Careful, FrameJob};
 pub use lines::{Counting, LineJob};
+pub use outcome::Outcome;
+pub use tally::Tally;
 
 /// What the PC plays.
 pub trait Job {

@@ -5,11 +5,10 @@ use std::fmt;
 
 use anstyle::{AnsiColor, Style};
 use serde::Serialize;
-use torno_protocol::lathe::Tally;
 use torno_protocol::time::Instant;
 
 use super::{PartSummary, Stats};
-use crate::job::LineJob;
+use crate::job::{LineJob, Tally};
 
 /// What is told at the end of a program; as JSON, one object on one line.
 #[derive(Clone, Debug, Serialize)]

@@ -39,7 +39,6 @@ mod frame_decoder;
 mod parity;
 mod program;
 mod reply;
-mod tally;
 
 use crate::clock::Rate;
 use crate::time::Span;
@@ -50,7 +49,6 @@ pub use frame_decoder::FrameDecoder;
 pub use parity::Parity;
 pub use program::{Destination, Program, ProgramError};
 pub use reply::{Fault, Party, Reply, ReplyDecoder, Slave};
-pub use tally::{Outcome, Tally};
 
 /// The speed of every link, in baud; 8N1. (Ours.)
 pub const BAUD: u32 = 9600;

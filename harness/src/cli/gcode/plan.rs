@@ -357,7 +357,7 @@ impl Arguments {
         }
         let code = match &times {
             _ if plan.is_refused() => ExitCode::from(USAGE),
-            Some(times) if times.played.outcome != torno_protocol::lathe::Outcome::Completed => ExitCode::from(FAILED),
+            Some(times) if times.played.outcome != torno::job::Outcome::Completed => ExitCode::from(FAILED),
             _ => ExitCode::SUCCESS,
         };
         let summary = Summary { name, rig: &file.name, plan: &plan, times };

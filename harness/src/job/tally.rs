@@ -1,6 +1,8 @@
 //! The PC's side of the conversation: what has been sent, what came back, whether it is over.
 
-use crate::lathe::{Fault, Party, Refusal, Reply};
+use torno_protocol::lathe::{Fault, Party, Refusal, Reply};
+
+use super::Outcome;
 
 /// A tally of frames and replies, as a PC program keeps it.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -20,31 +22,6 @@ pub struct Tally {
     /// A frame has been acknowledged and `XON` has not come since.
     pub running: bool,
     dropped: usize,
-}
-
-/// How a program ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Outcome {
-    /// Every frame was executed.
-    Completed,
-    /// At least one frame was refused.
-    Rejected,
-    /// A board failed.
-    Faulted,
-    /// Frames are left without an answer.
-    Unanswered,
-}
-
-impl Outcome {
-    /// The word for it.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Completed => "completed",
-            Self::Rejected => "rejected",
-            Self::Faulted => "faulted",
-            Self::Unanswered => "unanswered",
-        }
-    }
 }
 
 impl Tally {
@@ -111,7 +88,7 @@ impl Tally {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lathe::Slave;
+    use torno_protocol::lathe::Slave;
 
     fn after(sent: usize, replies: &[Reply]) -> Tally {
         let mut conversation = Tally::default();
