@@ -9,8 +9,6 @@ use std::sync::LazyLock;
 use torno::control::Request;
 use torno::fault;
 use torno::planning;
-use torno::port::LineCoding;
-use torno::port::rfc2217::{Request as Request2217, Server};
 use torno::rig::file::{RigFile, RigFileError};
 use torno::rig::place;
 use torno::scenario::{Scenario, ScenarioError};
@@ -18,6 +16,8 @@ use torno::sweep::{self, Grid, Run, Shard, SweepError, Variation};
 use torno_bus::Names;
 use torno_gcode::{Columns, Dialect, Interpreter, Kind, Settings, interpret};
 use torno_planner::{Plan, Side};
+use torno_port::LineCoding;
+use torno_port::rfc2217::{Request as Request2217, Server};
 use torno_protocol::clock::Clock;
 use torno_protocol::lathe::{
     DepthSubFrame, Frame, Program, ProgramError, Reply, ReplyDecoder, SpindleSubFrame, TransverseSubFrame,

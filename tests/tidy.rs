@@ -15,7 +15,7 @@ struct Crate {
     may_use: &'static [&'static str],
 }
 
-const CRATES: [Crate; 22] = [
+const CRATES: [Crate; 23] = [
     Crate { folder: "protocol", pure: true, may_use: &[] },
     Crate { folder: "protocol/gcode", pure: true, may_use: &[] },
     Crate { folder: "protocol/grbl", pure: true, may_use: &["protocol"] },
@@ -37,6 +37,7 @@ const CRATES: [Crate; 22] = [
     // It is a server: it knows requests and texts, and no rig.
     Crate { folder: "harness/page", pure: false, may_use: &[] },
     Crate { folder: "harness/plot", pure: true, may_use: &["text"] },
+    Crate { folder: "harness/port", pure: false, may_use: &["protocol", "bus"] },
     Crate { folder: "harness/servo", pure: true, may_use: &[] },
     Crate {
         folder: "harness/machines",
@@ -62,7 +63,7 @@ const CRATES: [Crate; 22] = [
         pure: false,
         may_use: &[
             "protocol", "gcode", "text", "engine", "bus", "trace", "machines", "identify", "page", "part", "planner",
-            "plot", "servo",
+            "plot", "port", "servo",
         ],
     },
 ];

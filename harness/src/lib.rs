@@ -2,8 +2,8 @@
 //! port, plays whole programs.
 //!
 //! [`session`] advances a rig; nothing else does. [`rig`] is the running rig, [`pace`] holds time back to the wall
-//! clock, [`play`] plays a program, [`live`] keeps a rig up for other programs at the [`port`], [`replay`] repeats a
-//! recording. [`identify`] characterises the motors of a rig, and tunes their controllers.
+//! clock, [`play`] plays a program, [`live`] keeps a rig up for other programs at its [ports](torno_port), [`replay`]
+//! repeats a recording. [`identify`] characterises the motors of a rig, and tunes their controllers.
 
 mod backlog;
 #[cfg(target_os = "linux")]
@@ -26,8 +26,6 @@ pub mod planning;
 pub mod platform;
 pub mod play;
 #[cfg(target_os = "linux")]
-pub mod port;
-#[cfg(target_os = "linux")]
 mod ready;
 pub mod recorder;
 pub mod replay;
@@ -47,4 +45,3 @@ pub mod text_file;
 pub mod toolpath;
 pub mod tracking;
 mod traffic;
-pub mod transport;

@@ -11,8 +11,8 @@ use serde_json::Value;
 use torno::control::{Begun, Done, Form, ProgramState, Request, State};
 use torno::fault::{BOARD_KINDS, LINE_KINDS};
 use torno::observe::stderr::say;
-use torno::port::default_folder;
 use torno::rig::file::DEFAULT;
+use torno_port::default_folder;
 use torno_protocol::time::Instant;
 use torno_text::nearest;
 

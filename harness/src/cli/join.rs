@@ -6,10 +6,10 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context;
 use serde::Serialize;
-use torno::port::made_folder;
 use torno::rig::Driver;
 use torno::rig::file::RigFile;
 use torno::rig::join::{Awaited, OpenPlace, OpenPlaces};
+use torno_port::made_folder;
 
 use super::{Interrupt, print};
 

@@ -298,7 +298,7 @@ fn announcement(
         ports += &format!("tap       {line} at {}  ({baud} baud, 8N1)\n", port.url());
         ports += &format!("attach    {}\n", attach(port, baud));
     }
-    let usual = control == torno::port::default_folder().join(format!("{DEFAULT}-control"));
+    let usual = control == torno_port::default_folder().join(format!("{DEFAULT}-control"));
     let ctl = if usual { "torno ctl".to_owned() } else { format!("torno ctl --socket {}", control.display()) };
     let page = page.map_or_else(String::new, |url| format!("page      {url}\n"));
     Ok(format!(

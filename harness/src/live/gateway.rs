@@ -9,9 +9,9 @@ use torno_protocol::uart::{BITS_PER_CHARACTER, Format};
 
 use super::unread::Unread;
 use crate::observe::log;
-use crate::port::{LineCoding, LineSettings, PcPort, PortEvent};
 use crate::rig::file;
 use crate::session::{Exchange, Happened, Session, SessionError};
+use torno_port::{LineCoding, LineSettings, PcPort, PortEvent};
 
 /// So many of the client's bytes wait in the driver at the most.
 const DRIVER_QUEUE: usize = 16;
@@ -328,10 +328,10 @@ mod tests {
     use torno_engine::Limit;
 
     use super::*;
-    use crate::port::LinkPath;
     use crate::rig::Driver;
     use crate::rig::file::RigFile;
-    use crate::transport::Transport;
+    use torno_port::LinkPath;
+    use torno_port::Transport;
 
     #[tokio::test]
     async fn what_a_client_writes_stays_in_order_whatever_the_clocks_say() {

@@ -17,7 +17,6 @@ use torno_protocol::time::{Instant, Span};
 use crate::fault::Unfired;
 use crate::observe::log;
 use crate::pace::{Brake, Lapse, Pace};
-use crate::port::{PcPort, PortEvent};
 use crate::recorder::{RECORDED, Recorder, RecordingError};
 use crate::rig::file::RigFile;
 use crate::rig::{Driver, Incident, Rig};
@@ -28,6 +27,7 @@ use steering::{Steering, next_call};
 use tap::Taps;
 use torno_engine::{Limit, LineId, NodeId};
 use torno_machines::workpiece::{Part, ToolPath, Turned};
+use torno_port::{PcPort, PortEvent};
 use torno_trace::{Header, Trace};
 
 /// Boards that nothing reaches are brought up to date this often, so that none has long to catch up when something

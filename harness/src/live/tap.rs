@@ -10,8 +10,8 @@ use torno_protocol::layout::Layout;
 use torno_protocol::time::Instant;
 
 use super::unread::Unread;
-use crate::port::{PcPort, PortEvent};
 use crate::session::Happened;
+use torno_port::{PcPort, PortEvent};
 
 /// The taps of a rig.
 pub(super) struct Taps {

@@ -13,12 +13,12 @@ use torno_protocol::uart::{BITS_PER_CHARACTER, Receiver, ReceiverKind};
 
 use super::{before, place};
 use crate::text_file::TextError;
-use crate::transport::Transport;
 use torno_bus::{Dialect, Names, PcUart};
 use torno_engine::NodeId;
 use torno_machines::kinds::{self, KindError};
 use torno_machines::workpiece::{Part, RawPart};
 use torno_machines::{Axes, axes, with_axes};
+use torno_port::Transport;
 use torno_text::{Complaint, Invalid, nearest};
 use torno_trace::Header;
 

@@ -10,8 +10,8 @@ use std::process::{Command, Stdio};
 use anyhow::Context;
 use torno::control::Asker;
 use torno::page::Page;
-use torno::port::made_folder;
 use torno::rig::file::RigFile;
+use torno_port::made_folder;
 
 /// The program that opens a file in the user's browser (freedesktop.org, xdg-utils).
 const OPENER: &str = "xdg-open";

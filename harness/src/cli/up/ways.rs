@@ -7,11 +7,10 @@ use std::path::{Path, PathBuf};
 use anyhow::{anyhow, bail, ensure};
 use torno::control::socket_beside;
 use torno::pace::Pace;
-use torno::port::{LinkPath, PcPort, made_folder};
 use torno::rig::file::{Gateway, RigFile};
 use torno::rig::open::{Opened, open};
-use torno::transport::Transport;
 use torno_engine::LineId;
+use torno_port::{LinkPath, PcPort, Transport, made_folder};
 use torno_text::nearest;
 
 /// By what programs outside reach a rig that is up.

@@ -5,7 +5,7 @@ use super::event::{LineCoding, LineSettings, PortEvent};
 use super::link::LinkPath;
 use super::tcp::TcpPort;
 use super::terminal::PtyPort;
-use crate::transport::Transport;
+use crate::Transport;
 
 /// The emulated rig's side of the PC's serial port, for as long as it lives, whatever clients reach it by.
 #[derive(Debug)]

@@ -19,7 +19,7 @@ done"#;
 #[test]
 fn every_client_of_many_is_told_that_come_right_after_one_another() {
     // In a process of its own: where other tests start processes, these have copies of the port until they run.
-    let alone = "port::tests::clients::clients_that_come_right_after_one_another";
+    let alone = "linux::tests::clients::clients_that_come_right_after_one_another";
     let output = Command::new(std::env::current_exe().unwrap()).args(["--exact", alone, "--ignored"]).output().unwrap();
     let told = String::from_utf8_lossy(&output.stdout);
     assert!(output.status.success() && told.contains("1 passed"), "{told}{}", String::from_utf8_lossy(&output.stderr));

@@ -1,5 +1,4 @@
-//! The PC's serial port, as PC software reaches it: a pty that it opens as if it were a serial adapter, or a socket.
-//! [`PcPort`] is either.
+//! The serial port: a pty that PC software opens as if it were a serial adapter, or a socket. [`PcPort`] is either.
 //!
 //! A pty differs from a serial port where it hurts; [`PtyPort`] takes care of these:
 //!
