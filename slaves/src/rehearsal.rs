@@ -128,3 +128,18 @@ impl FeedLaw {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_axis_stands_after_as_many_samples_as_fill_the_time() {
+        let after = |sample_ms: u32| {
+            let mut settings = TransverseSettings::default();
+            settings.controller.sample_ms = sample_ms;
+            FeedLaw::of(&settings).stands_samples
+        };
+        assert_eq!([30, 50, 240, 250].map(after), [8, 5, 1, 1]);
+    }
+}

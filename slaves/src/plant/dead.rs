@@ -70,9 +70,11 @@ mod tests {
             assert_eq!(dead.set(ms(at), drive), None);
         }
         assert_eq!(dead.due(ms(12)), None);
-        assert_eq!(dead.due(ms(30)), Some((Instant::from_nanos(12_500_000), 3.0)));
+        let coming = [(Instant::from_nanos(12_500_000), 3.0), (Instant::from_nanos(22_500_000), -2.0)];
+        assert!(dead.under_way().eq(coming));
+        assert_eq!(dead.due(ms(30)), Some(coming[0]));
         assert!(dead.is_pending());
-        assert_eq!(dead.due(ms(30)), Some((Instant::from_nanos(22_500_000), -2.0)));
+        assert_eq!(dead.due(ms(30)), Some(coming[1]));
         assert_eq!((dead.due(ms(30)), dead.is_pending()), (None, false));
     }
 }
