@@ -100,3 +100,43 @@ impl Layout {
         self.lines.iter().all(|line| end(line.from) && end(line.to))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A board with one port, and the gateway's UART with two.
+    fn layout(from: (usize, u8), to: (usize, u8)) -> Layout {
+        let board = |name: &str, kind: &str, ports: &[&str]| BoardLayout {
+            name: name.to_owned(),
+            kind: kind.to_owned(),
+            clock: Clock::TRUE,
+            description: Description {
+                ports: ports.iter().map(|&port| port.to_owned()).collect(),
+                ..Description::default()
+            },
+            receivers: Vec::new(),
+        };
+        let line = LineLayout { name: "line".to_owned(), from, to, baud: 9600, dialect: "lathe".to_owned() };
+        Layout { boards: vec![board("master", "master", &["a"]), board("pc", GATEWAY, &["a", "b"])], lines: vec![line] }
+    }
+
+    #[test]
+    fn both_ends_of_a_line_are_ports_of_boards() {
+        assert!(layout((0, 0), (1, 1)).is_sound());
+        for (from, to) in [((0, 1), (1, 0)), ((0, 0), (1, 2)), ((2, 0), (0, 0)), ((0, 0), (2, 0))] {
+            assert!(!layout(from, to).is_sound(), "{from:?} to {to:?}");
+        }
+    }
+
+    #[test]
+    fn a_line_is_outside_if_either_end_is_a_gateway() {
+        for (from, to, outside, sends) in
+            [((0, 0), (0, 0), false, false), ((0, 0), (1, 0), true, false), ((1, 0), (0, 0), true, true)]
+        {
+            let layout = layout(from, to);
+            let line = &layout.lines[0];
+            assert_eq!((layout.is_outside(line), layout.sends_outside(line)), (outside, sends), "{from:?} to {to:?}");
+        }
+    }
+}
