@@ -16,7 +16,6 @@ const OF_A_BOARD: [&str; 1] = ["clock_ppm"];
 pub fn set(rig: &mut Table, place: &str, value: Value) -> Result<(), String> {
     let words: Vec<&str> = place.split('.').collect();
     let (table, words) = match &words[..] {
-        ["pc", rest @ ..] => (rig.get_mut("pc").and_then(Value::as_table_mut).ok_or("there is no pc")?, rest.to_vec()),
         [name, rest @ ..] if gateway(rig, name).is_some() => {
             (gateway(rig, name).ok_or("there is no gateway")?, rest.to_vec())
         }
@@ -32,11 +31,21 @@ pub fn set(rig: &mut Table, place: &str, value: Value) -> Result<(), String> {
     Ok(())
 }
 
-/// The `[[gateway]]` of that name.
+/// The gateway of that name: `[pc]`, or a `[[gateway]]`.
 fn gateway<'a>(rig: &'a mut Table, name: &str) -> Option<&'a mut Table> {
+    if name == "pc" && rig.contains_key("pc") {
+        return rig.get_mut("pc").and_then(Value::as_table_mut);
+    }
     let gateways = rig.get_mut("gateway").and_then(Value::as_array_mut)?;
     let gateways = gateways.iter_mut().filter_map(Value::as_table_mut);
     gateways.into_iter().find(|gateway| gateway.get("name").and_then(Value::as_str) == Some(name))
+}
+
+/// The names of the rig's gateways.
+fn gateways(rig: &Table) -> Vec<String> {
+    let listed = rig.get("gateway").and_then(Value::as_array).into_iter().flatten();
+    let names = listed.filter_map(|gateway| gateway.get("name").and_then(Value::as_str).map(str::to_owned));
+    rig.get("pc").map(|_| "pc".to_owned()).into_iter().chain(names).collect()
 }
 
 fn is_near(field: &str, own: &str) -> bool {
@@ -57,11 +66,12 @@ pub fn entry<'a>(table: &'a mut Table, words: &[&str]) -> Result<&'a mut Value, 
 }
 
 fn board<'a>(rig: &'a mut Table, name: &str) -> Result<&'a mut Table, String> {
+    let gateways = gateways(rig);
     let boards = rig.get_mut("board").and_then(Value::as_array_mut).ok_or("there is no board")?;
     let label = |board: &Value| board.get("name").and_then(Value::as_str).unwrap_or_default().to_owned();
     let known: Vec<String> = boards.iter().map(label).collect();
     let Some(found) = known.iter().position(|other| other == name) else {
-        let known: Vec<&str> = known.iter().map(String::as_str).chain(["pc", "board"]).collect();
+        let known: Vec<&str> = known.iter().chain(&gateways).map(String::as_str).chain(["board"]).collect();
         return Err(format!("there is no board '{name}'{}", nearest(name, &known)));
     };
     boards[found].as_table_mut().ok_or_else(|| "a board is no table".to_owned())
@@ -73,4 +83,29 @@ pub fn parsed(text: &str) -> Value {
     let float = || text.parse().map(Value::Float).ok();
     let boolean = || text.parse().map(Value::Boolean).ok();
     integer.or_else(float).or_else(boolean).unwrap_or_else(|| Value::String(text.to_owned()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_gateway_is_found_by_its_name_however_the_file_writes_it() {
+        let board = "[[board]]\nname = \"master\"\n";
+        let gateways = "[[gateway]]\nname = \"pc\"\n[[gateway]]\nname = \"panel\"\n";
+        for text in [format!("[pc]\n{board}"), format!("{gateways}{board}")] {
+            let mut rig: Table = text.parse().unwrap();
+            set(&mut rig, "pc.baud", Value::Integer(4_800)).unwrap();
+            assert!(rig.to_string().contains("baud = 4800"), "{rig}");
+            set(&mut rig, "master.plant.x", Value::Integer(1)).unwrap();
+        }
+        let mut rig: Table = format!("{gateways}{board}").parse().unwrap();
+        set(&mut rig, "panel.baud", Value::Integer(1)).unwrap();
+        assert_eq!(
+            set(&mut rig, "pannel.baud", Value::Integer(1)),
+            Err("there is no board 'pannel': did you mean 'panel'?".to_owned())
+        );
+        let mut bare: Table = board.parse().unwrap();
+        assert!(set(&mut bare, "pc.baud", Value::Integer(1)).unwrap_err().starts_with("there is no board 'pc'"));
+    }
 }
