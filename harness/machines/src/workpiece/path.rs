@@ -71,21 +71,31 @@ impl Sum {
 
     /// Goes on to `at`, which is not after the next change.
     fn go_on(&mut self, at: Instant) {
-        let now = self.told.iter().take_while(|told| told.at == at).count();
-        let now: Vec<NewValue> = self.told.drain(..now).collect();
-        for NewValue { signal, value, .. } in &now {
-            for (known, place) in self.source.signals.iter().zip(&mut self.values) {
-                if known == signal {
-                    *place = *value;
+        let Self { source, follower, told, values, sum } = self;
+        if let Some(Follower { slide, .. }) = follower {
+            slide.advance(at);
+        }
+        let mut changed = false;
+        while told.front().is_some_and(|told| told.at == at)
+            && let Some(NewValue { signal, value, .. }) = told.pop_front()
+        {
+            changed = true;
+            for (known, place) in source.signals.iter().zip(&mut *values) {
+                if *known == signal {
+                    *place = value;
                 }
             }
+            if let Some(Follower { drive, slide }) = follower
+                && signal == *drive
+            {
+                slide.drive(value);
+            }
         }
-        self.sum = self.values.iter().fold(0, |sum, value| sum.saturating_add(*value));
-        let Some(Follower { drive, slide }) = &mut self.follower else { return };
-        slide.advance(at);
-        if !now.is_empty() {
-            now.iter().filter(|told| told.signal == *drive).for_each(|told| slide.drive(told.value));
-            slide.count(self.sum);
+        if changed {
+            *sum = values.iter().fold(0, |sum, value| sum.saturating_add(*value));
+            if let Some(Follower { slide, .. }) = follower {
+                slide.count(*sum);
+            }
         }
     }
 
