@@ -132,6 +132,7 @@ impl FeedLaw {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::settings::{LeadForm, PositionForm};
 
     #[test]
     fn an_axis_stands_after_as_many_samples_as_fill_the_time() {
@@ -141,5 +142,31 @@ mod tests {
             FeedLaw::of(&settings).stands_samples
         };
         assert_eq!([30, 50, 240, 250].map(after), [8, 5, 1, 1]);
+    }
+
+    #[test]
+    fn the_gain_of_a_speed_is_in_lsb_per_rpm() {
+        let mut settings = SpindleSettings::default();
+        let full = crate::drive::full(settings.drive.bits);
+        // Full drive for one turn a second.
+        settings.controller.k = settings.controller.supply_v / core::f64::consts::TAU;
+        let law = SpeedLaw::of(&settings);
+        assert!((60.0 * law.k / full - 1.0).abs() < 1e-12, "{}", law.k);
+    }
+
+    #[test]
+    fn only_the_working_form_of_a_law_is_rehearsed() {
+        let feed = |form| {
+            let mut settings = TransverseSettings::default();
+            settings.controller.form = form;
+            Rehearsal::of_feed(&settings).is_some()
+        };
+        assert_eq!([PositionForm::Pid, PositionForm::Literal, PositionForm::Open].map(feed), [true, false, false]);
+        let speed = |form| {
+            let mut settings = SpindleSettings::default();
+            settings.controller.form = form;
+            Rehearsal::of_speed(&settings).is_some()
+        };
+        assert_eq!([LeadForm::Incremental, LeadForm::Literal].map(speed), [true, false]);
     }
 }

@@ -9,6 +9,7 @@ use torno_protocol::stepping::{Cell, Stepper};
 use torno_protocol::uart::{Receiver, Transmitter};
 
 mod faults;
+mod queries;
 mod reference;
 
 use self::reference::Reference;
@@ -608,36 +609,6 @@ fn computed_per_turn(pairs: u64) -> f64 {
 fn a_turn_costs_the_same_however_many_boards_there_are() {
     let (few, many) = (computed_per_turn(2), computed_per_turn(40));
     assert!(many < 1.2 * few, "{few:.1} and {many:.1} bounds a grant");
-}
-
-#[test]
-fn the_other_end_is_where_a_port_sends_to_or_else_where_it_hears_from() {
-    let mut engine = Engine::new();
-    (0..3).for_each(|_| _ = engine.add_node(2));
-    let end = |node, port| End { node, port };
-    engine.add_line(end(0, 0), end(1, 1));
-    assert_eq!(engine.other_end(end(0, 0)), Some(end(1, 1)));
-    assert_eq!(engine.other_end(end(1, 1)), Some(end(0, 0)));
-    assert_eq!(engine.other_end(end(0, 1)), None);
-    engine.add_line(end(1, 1), end(2, 0));
-    assert_eq!(engine.other_end(end(1, 1)), Some(end(2, 0)));
-}
-
-#[test]
-fn a_board_is_awaited_from_its_grant_to_its_answer() {
-    let mut engine = Engine::new();
-    (0..2).for_each(|_| _ = engine.add_node(2));
-    let mut steppers = [0, 1].map(|_| Stepper::new(Chatterbox::new(0, false, Span::ZERO, None)));
-    let awaited = |engine: &Engine| [0, 1].map(|node| engine.awaits(node));
-    assert_eq!(awaited(&engine), [false; 2]);
-    let grants = engine.catch_up(Instant::START.next());
-    assert_eq!(grants.iter().map(|(node, _)| *node).collect::<Vec<_>>(), [0, 1]);
-    for (node, grant) in grants {
-        assert!(engine.awaits(node) && engine.is_waiting());
-        engine.answer(node, steppers[node].grant(grant).unwrap()).unwrap();
-        assert!(!engine.awaits(node));
-    }
-    assert_eq!((awaited(&engine), engine.is_waiting()), ([false; 2], false));
 }
 
 #[test]
