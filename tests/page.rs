@@ -329,7 +329,7 @@ fn what_a_program_outside_has_made_is_drawn_reported_and_dumped_at_the_end() {
     end(up);
     let read = |path: &str| std::fs::read_to_string(path).unwrap();
     let drawing = read(&part);
-    assert!(drawing.contains("no one knows what was asked") && !drawing.contains("(asked)"), "{drawing}");
+    assert!(drawing.contains("what was asked is not known") && !drawing.contains("(asked)"), "{drawing}");
     // 28 mm, less ten slots of the twelve on either side, but for what the slide lacks of the last.
     assert!(drawing.contains("Ø24."), "{drawing}");
     let html = read(&report);

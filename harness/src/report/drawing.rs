@@ -386,7 +386,7 @@ impl Drawing<'_> {
             sheet.text("small grey", (x + 3.0, y), "start", name);
             sheet.text("", (x + 19.0, y), "start", &shortened(value, 24));
         }
-        let worst = self.summary.worst.map_or_else(|| "nobody knows what was asked".to_owned(), |it| it.to_string());
+        let worst = self.summary.worst.map_or_else(|| "what was asked is not known".to_owned(), |it| it.to_string());
         sheet.text("small grey", (left + 3.0, row(3.0) + 4.4), "start", "worst");
         sheet.text("", (left + 19.0, row(3.0) + 4.4), "start", &worst);
     }
