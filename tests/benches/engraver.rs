@@ -37,8 +37,7 @@ pub(crate) fn shuttle(n: usize) {
     let open = ["--set", "engraver.loop.mode=open"];
     let shocked = ["--faults", &shocks];
     let rigid = ["--in-process", "--set", "engraver.motor.rotor_hz=0"];
-    // The same dead band, 10 µm: by default it is the least number of pulses that is a count.
-    let fine = ["--set", "engraver.drive.pulses_per_rev=20000", "--set", "engraver.loop.dead_band_pulses=40"];
+    let fine = ["--set", "engraver.drive.pulses_per_rev=20000"];
     let of = |more: &[&'static str]| -> Vec<&str> { more.to_vec() };
     let kinds: [Kind<'_>; 9] = [
         ("processes", of(&[])),

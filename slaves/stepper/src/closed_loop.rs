@@ -62,7 +62,7 @@ impl ClosedLoop {
         let control = &settings.control;
         let or = |pulses: u32, otherwise: u32| if pulses == 0 { otherwise } else { pulses };
         let pulses = or(control.pulses, scale.least_pulses());
-        let dead_band = or(control.dead_band_pulses, pulses);
+        let dead_band = or(control.dead_band_pulses, or(control.pulses, scale.dead_band_pulses()));
         let pm = |mm: f64| libm::round(mm * 1e9) as i64;
         Self {
             mode: control.mode,

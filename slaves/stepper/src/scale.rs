@@ -17,6 +17,9 @@ const LEAST: u128 = 1 << 24;
 /// A pulse has at most so many units, so that 10⁹ of them fit.
 const MOST: u128 = 1 << 32;
 
+/// The pulses a revolution with which the default dead band is N. With more of them it is as long. (Ours.)
+const DEAD_BAND_PER_REV: i64 = 2_000;
+
 /// Full steps of an electrical turn.
 const FULL_STEPS_OF_A_TURN: i128 = 4;
 
@@ -89,6 +92,20 @@ impl Scale {
         u32::try_from((self.firmware_count_pm + self.pulse_pm - 1) / self.pulse_pm).unwrap_or(u32::MAX)
     }
 
+    /// The default dead band: N, but with finer microsteps not less than with the paper's, 10 µm with its belt. A rotor
+    /// swings as far whatever its microsteps are. (Ours.)
+    pub fn dead_band_pulses(&self) -> u32 {
+        let least = self.least_pulses();
+        if self.pulses_per_rev <= DEAD_BAND_PER_REV {
+            return least;
+        }
+        let ceil = |a: i128, b: i128| (a + b - 1) / b;
+        let per_rev = i128::from(DEAD_BAND_PER_REV);
+        let coarse = ceil(i128::from(self.firmware_count_pm) * per_rev, self.rev_pm.into());
+        let pulses = ceil(coarse * i128::from(self.pulses_per_rev), per_rev);
+        u32::try_from(pulses).unwrap_or(u32::MAX).max(least)
+    }
+
     /// Units as picometres.
     pub(crate) fn pm(&self, units: i64) -> i64 {
         let product = i128::from(units) * i128::from(self.rev_pm);
@@ -157,6 +174,19 @@ mod tests {
         assert_eq!(least(&|axis| axis.control.sensor = Sensor::Motor), 1);
         let rotary = AxisSettings::rotary().scale();
         assert_eq!((rotary.pulse_pm, rotary.firmware_count_pm, rotary.least_pulses()), (30_000_000, 45_000_000, 2));
+    }
+
+    #[test]
+    fn the_dead_band_is_as_long_with_finer_microsteps() {
+        let band = |mut settings: AxisSettings, per_rev, sensor| {
+            (settings.drive.pulses_per_rev, settings.control.sensor) = (per_rev, sensor);
+            settings.scale().dead_band_pulses()
+        };
+        let [belt, scale] = [Sensor::Belt, Sensor::Scale];
+        let of_belt = |per_rev| band(AxisSettings::default(), per_rev, belt);
+        assert_eq!([200, 1_000, 2_000, 3_000, 4_000, 20_000, 102_400].map(of_belt), [1, 2, 4, 6, 8, 40, 205]);
+        assert_eq!([2_000, 20_000].map(|per_rev| band(AxisSettings::default(), per_rev, scale)), [1, 10]);
+        assert_eq!([2_000, 20_000].map(|per_rev| band(AxisSettings::rotary(), per_rev, belt)), [2, 20]);
     }
 
     #[test]

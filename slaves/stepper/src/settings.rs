@@ -170,7 +170,8 @@ settings! {
         period_ms: f64 = 1.0, 0.01..=10_000.0, "ms", "ours";
         /// N: a `dynamic` loop looks every so many pulses; 0: the least that are a count.
         pulses: u32 = 0, 0..=1_000_000, "pulses", "paper: 4";
-        /// The least error that the loop corrects; 0: N.
+        /// The least error that the loop corrects; 0: N, and with more than 2000 pulses a revolution, unless N is
+        /// set, as long as N is with 2000: 10 µm.
         dead_band_pulses: u32 = 0, 0..=1_000_000, "pulses", "ours";
         /// How long the rotor settles before it is looked at.
         settle_ms: f64 = 10.0, 0.0..=10_000.0, "ms", "ours";

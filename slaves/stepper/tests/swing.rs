@@ -178,6 +178,25 @@ fn a_steep_ramp_swings_the_rotor_beyond_the_dead_band() {
     assert!(stops > 5 && stops < 15 && corrections <= 3 && alarms == 0, "{stops} {corrections}");
 }
 
+/// N is 34 pulses of 0.25 µm, hardly more than a count, and the default dead band is 10 µm, as it is with 2000 pulses.
+#[test]
+fn the_dead_band_stays_what_it_is_with_finer_microsteps() {
+    let stops = [0, 34].map(|dead_band| {
+        let stops_of = |phase: u32| {
+            let mut bench = Bench::new(&swinging(|axis| {
+                axis.drive.pulses_per_rev = 20_000;
+                axis.control.dead_band_pulses = dead_band;
+                axis.encoder.phase = f64::from(phase) / 12.0;
+            }));
+            bench.go(10.0, 25.0);
+            bench.events.iter().filter(|(_, event)| *event == Event::Stop).count()
+        };
+        (0..12).map(stops_of).sum::<usize>()
+    });
+    println!("stops with the default and with 34 pulses: {stops:?}");
+    assert!(stops[0] == 0 && stops[1] > 0, "{stops:?}");
+}
+
 #[test]
 fn a_dead_band_below_a_count_hunts() {
     let hunts = [6, 5, 4, 3, 2].map(|dead_band| false_alarms(Law::Pause, 150.0, 200.0, true, dead_band).1);

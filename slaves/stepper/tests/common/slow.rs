@@ -112,7 +112,14 @@ impl Slow {
             count: count_mm / pulse_mm,
             count_pm,
             n,
-            dead_band: if dead_band == 0 { n } else { dead_band.into() },
+            dead_band: match (dead_band, settings.control.pulses) {
+                (0, 0) if settings.drive.pulses_per_rev > 2_000 => {
+                    let per_coarse = f64::from(settings.drive.pulses_per_rev) / 2_000.0;
+                    ((count_pm as f64 / pulse_pm as f64 / per_coarse - 1e-9).ceil() * per_coarse).ceil() as i64
+                }
+                (0, _) => n,
+                (set, _) => set.into(),
+            },
             backlash_pulses: (settings.control.backlash_mm / pulse_mm).round() as i64,
             field: 0.0,
             rotor: 0.0,
