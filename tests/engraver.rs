@@ -221,7 +221,24 @@ fn loops_are_compared_and_the_open_one_does_not_see_what_it_has_lost() {
     let drawn = std::fs::read_to_string(&picture).unwrap();
     let page = std::fs::read_to_string(&page).unwrap();
     assert!(drawn.contains("times as much") && page.contains(&drawn) && page.contains("<td>fixed 50 ms<td"));
-    let refused = output(&["engraver", "compare", "--rig", "lathe"]);
-    assert_eq!(refused.status.code(), Some(2));
-    assert!(String::from_utf8_lossy(&refused.stderr).contains("expected one such as 'engraver'"));
+    for (arguments, expected) in [
+        (["--rig", "lathe"], "expected one such as 'engraver'"),
+        (["--set", "engraver.loop.mode=open"], "each row has a mode and a period of its own"),
+        (["--set", "engraver.loop.period_ms=5"], "each row has a mode and a period of its own"),
+    ] {
+        let refused = output(&[&["engraver", "compare"], &arguments[..]].concat());
+        assert_eq!(refused.status.code(), Some(2));
+        assert!(String::from_utf8_lossy(&refused.stderr).contains(expected), "{arguments:?}");
+    }
+}
+
+#[test]
+fn a_preset_is_common_to_all_loops_and_leaves_each_its_mode() {
+    let folder = folder();
+    let program = written(folder.path(), "G21 G91\nG1 X10 F300\nM2\n");
+    let compared = json(&output(&["engraver", "compare", &program, "--json", "--set", "engraver.preset=paper"]));
+    let corrections: Vec<_> =
+        compared["loops"].as_array().unwrap().iter().map(|row| row["corrections"].as_u64().unwrap()).collect();
+    // The paper's scale takes 10 mm for 0.12 mm less.
+    assert!(corrections[0] == 0 && corrections[1..].iter().all(|some| *some > 0), "{corrections:?}");
 }

@@ -79,6 +79,12 @@ impl CompareArguments {
             anyhow::bail!("the rig '{}' has no loops to compare: expected one such as 'engraver'", file.name);
         };
         let board = board.name.clone();
+        if let Some(set) = self.set.iter().find(|set| is_of_rows(&board, set)) {
+            anyhow::bail!(
+                "expected settings that all loops have in common, found '--set {set}': each row has a mode and a \
+                 period of its own"
+            );
+        }
         let LoadedLines { name, job, .. } = load_lines(self.program.as_deref(), &file, None)?;
         let faults = match &self.faults {
             Some(path) => fault::load(path, &file.names(), None)?.faults,
@@ -114,6 +120,12 @@ impl CompareArguments {
         print_beside(&[&self.report, &self.plot], &written(self.json, &comparison)?)?;
         Ok(ExitCode::SUCCESS)
     }
+}
+
+/// Whether this sets what differs between the rows.
+fn is_of_rows(board: &str, set: &str) -> bool {
+    let field = set.split('=').next().and_then(|place| place.trim().strip_prefix(board)?.strip_prefix(".loop."));
+    matches!(field, Some("mode" | "period_ms"))
 }
 
 async fn play(

@@ -5,7 +5,7 @@ use torno_grbl_board::Eeprom;
 use torno_protocol::settings::{OutOfRange, Range};
 use torno_protocol::{choice, settings};
 use torno_stepper::{
-    AxisSettings, CountScale, DriveSettings, EncoderSettings, Law, LoopSettings, MechanicsSettings, Mode, MotorSettings,
+    AxisSettings, CountScale, DriveSettings, EncoderSettings, Law, LoopSettings, MechanicsSettings, MotorSettings,
 };
 
 choice! {
@@ -33,8 +33,8 @@ choice! {
     pub enum Preset {
         /// None.
         None = "none",
-        /// As the paper words it: a loop every 4 pulses that corrects at once, with the paper's scale, while the other
-        /// axes go on, and sequenced motion. It comes before the settings that it names.
+        /// As the paper words it: a loop that corrects at once, with the paper's scale, while the other axes go on, and
+        /// sequenced motion. It comes before the settings that it names; that the loop is dynamic is the default.
         Paper = "paper",
     }
 }
@@ -131,9 +131,7 @@ impl EngraverSettings {
         let mut settings = self.clone();
         if self.preset == Preset::Paper {
             (settings.motion, settings.others) = (Motion::Sequenced, Others::GoOn);
-            let own =
-                LoopSettings { mode: Mode::Dynamic, law: Law::AtOnce, scale: CountScale::Paper, ..self.r#loop.clone() };
-            settings.r#loop = own;
+            settings.r#loop = LoopSettings { law: Law::AtOnce, scale: CountScale::Paper, ..self.r#loop.clone() };
         }
         settings
     }

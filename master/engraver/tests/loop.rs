@@ -308,6 +308,14 @@ fn as_the_paper_has_it_it_moves_and_corrects_what_is_right() {
 }
 
 #[test]
+fn as_the_paper_has_it_but_without_a_loop_nothing_is_corrected() {
+    let mut bench = Bench::new("preset = \"paper\"\nloop.mode = \"open\"");
+    let status = move_x(&mut bench, 100.0, 10.0);
+    assert!(status.contains("<Idle|MPos:100.000"), "{status}");
+    assert!(bench.corrections(0) == 0 && (bench.carriage(0) - 100.0).abs() < 0.002, "{}", bench.carriage(0));
+}
+
+#[test]
 fn the_motor_of_a_turns_as_fast_as_the_others() {
     // 300 degrees a second are 10 000 pulses a second, as 25 mm/s are.
     let mut bench = Bench::new("a = { degrees_per_s = 300.0, degrees_per_s2 = 2400.0 }");
