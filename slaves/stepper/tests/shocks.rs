@@ -2,8 +2,8 @@
 
 mod common;
 
-use common::{Bench, with};
-use torno_stepper::{Fault, Mode};
+use common::{Bench, ms, with};
+use torno_stepper::{AxisSettings, Fault, Mode};
 
 /// What 200 shocks at a speed come to.
 struct Row {
@@ -14,18 +14,27 @@ struct Row {
     alarms: u32,
 }
 
-fn shocks(rotor_hz: f64, mode: Mode, period_ms: f64, speed: f64) -> Row {
-    let settings = with(|axis| {
+fn settings(rotor_hz: f64, (mode, period_ms): (Mode, f64)) -> AxisSettings {
+    with(|axis| {
         axis.motor.rotor_hz = rotor_hz;
         axis.control.mode = mode;
         axis.control.period_ms = period_ms;
-    });
+    })
+}
+
+/// The shock number `k`, in a motion that begins now.
+fn shock(bench: &mut Bench, k: u32, speed: f64) {
+    let k = f64::from(k);
+    bench.fault(150.0 + 0.7 * k, Fault::Load(1_500)).fault(160.0 + 0.9 * k, Fault::Load(0)).go(10.0, speed);
+}
+
+fn shocks(rotor_hz: f64, (mode, period_ms): (Mode, f64), speed: f64) -> Row {
+    let settings = settings(rotor_hz, (mode, period_ms));
     let (mut checks, mut seconds) = (0, 0.0);
     let mut row = Row { worst: 0.0, end: 0.0, checks_per_s: 0.0, alarms: 0 };
     for k in 0..200 {
-        let k = f64::from(k);
         let mut bench = Bench::new(&settings);
-        bench.fault(150.0 + 0.7 * k, Fault::Load(1_500)).fault(160.0 + 0.9 * k, Fault::Load(0)).go(10.0, speed);
+        shock(&mut bench, k, speed);
         if bench.alarm().is_some() {
             row.alarms += 1;
             continue;
@@ -47,7 +56,7 @@ const OPEN: (Mode, f64) = (Mode::Open, 1.0);
 const DYNAMIC: (Mode, f64) = (Mode::Dynamic, 1.0);
 
 fn check(rotor_hz: f64, (mode, period_ms): (Mode, f64), expected: [f64; 3]) -> [Row; 3] {
-    let rows = SPEEDS.map(|speed| shocks(rotor_hz, mode, period_ms, speed));
+    let rows = SPEEDS.map(|speed| shocks(rotor_hz, (mode, period_ms), speed));
     for (row, expected) in rows.iter().zip(expected) {
         assert!((row.worst / expected - 1.0).abs() < 0.025, "{rotor_hz} {mode} {period_ms}: {} {expected}", row.worst);
         assert!(mode == Mode::Open || row.end <= 0.01, "{rotor_hz} {mode} {period_ms}: {}", row.end);
@@ -84,4 +93,36 @@ fn a_rotor_that_swings_with_fixed_periods() {
     check(150.0, (Mode::Fixed, 1.0), [0.0446, 0.0516, 0.0466]);
     check(150.0, (Mode::Fixed, 10.0), [0.0263, 0.111, 0.255]);
     check(150.0, (Mode::Fixed, 50.0), [0.122, 0.414, 1.034]);
+}
+
+/// The worst of the shocks where the field steps as a pulse begins, and the firmware counts the pulse then: with a rotor
+/// in closed form, and a torque that does not fall with the speed, as a step is as fast as a microsecond.
+fn stepped(control: (Mode, f64), speed: f64) -> f64 {
+    let mut settings = settings(0.0, control);
+    (settings.motor.corner_mm_per_s, settings.motor.start_mm_per_s) = (0.0, 0.0);
+    (settings.drive.max_hz, settings.drive.min_pulse_us) = (1e7, 0.0);
+    let worst = |k| {
+        let mut bench = Bench::new(&settings);
+        // A check comes just after a pulse that begins.
+        bench.now = ms(49.998);
+        (bench.stepped, bench.smooth) = (true, speed > 1.0);
+        shock(&mut bench, k, speed);
+        bench.worst_mm()
+    };
+    (0..200).map(worst).fold(0.0, f64::max)
+}
+
+/// What differs in the table if a pulse counts as it begins, and not when its period is over: up to a pulse, and at
+/// 1 mm/s a check every 50 ms just finds the error that would become a turn.
+#[test]
+fn a_field_that_steps() {
+    let expected = [0.016, 0.023, 0.038];
+    for (speed, expected) in SPEEDS.into_iter().zip(expected) {
+        let found = stepped((Mode::Fixed, 1.0), speed);
+        println!("stepped, fixed 1 ms, {speed} mm/s: {found:.4} mm");
+        assert!((found - expected).abs() < 0.0005, "{speed}: {found}");
+    }
+    let found = stepped((Mode::Fixed, 50.0), 1.0);
+    println!("stepped, fixed 50 ms, 1 mm/s: {found:.4} mm");
+    assert!((found - 0.043).abs() < 0.0005, "{found}");
 }

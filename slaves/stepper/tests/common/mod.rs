@@ -90,6 +90,8 @@ pub(crate) struct Bench<A = Axis> {
     pub(crate) acceleration: f64,
     /// Ramps gain speed from pulse to pulse, instead of every 5 ms.
     pub(crate) smooth: bool,
+    /// Each pulse is over after a microsecond: the field steps, and the pulse is counted, as it begins.
+    pub(crate) stepped: bool,
     pub(crate) faults: VecDeque<(Instant, Fault)>,
 }
 
@@ -144,6 +146,7 @@ impl<A: Driven> Bench<A> {
             ended: true,
             acceleration: ACCELERATION,
             smooth: false,
+            stepped: false,
             faults: VecDeque::new(),
         }
     }
@@ -268,10 +271,18 @@ impl<A: Driven> Bench<A> {
             self.ended = true;
             return self.axis.end(self.now);
         };
-        let Segment { nanos, per, count } = segment;
-        let train = Train { first: self.now, nanos, per, count, high: Span::from_nanos(nanos / per / 2) };
+        let Segment { nanos, per, mut count } = segment;
+        let mut train = Train { first: self.now, nanos, per, count, high: Span::from_nanos(nanos / per / 2) };
         let forward = self.target >= self.planned;
         self.next = train.end();
+        if self.stepped {
+            train = Train { first: self.now, nanos: 1_000, per: 1, count: 1, high: Span::from_nanos(500) };
+            self.next = self.now + Span::from_nanos((nanos + per / 2) / per);
+            if count > 1 {
+                self.segments.push_front(Segment { count: count - 1, ..segment });
+                count = 1;
+            }
+        }
         self.planned += if forward { count as i64 } else { -(count as i64) };
         self.current = segment;
         self.axis.train(self.now, forward, train);
