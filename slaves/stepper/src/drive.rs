@@ -33,14 +33,36 @@ pub(crate) struct Run {
     pulse: i64,
     /// The time of a unit.
     seconds: f64,
+    /// Where substeps of a rotor that swings end.
+    grid: Grid,
+}
+
+/// A grid that every pulse begins on, or every so many pulses.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Grid {
+    /// So many units apart, which are whole pulses.
+    Pulses(i64),
+    /// At so many equal parts of a pulse.
+    Parts(i64),
+}
+
+impl Grid {
+    /// For substeps of at most so many units.
+    const fn new(most: i64, pulse: i64) -> Self {
+        if most >= pulse { Self::Pulses(most / pulse * pulse) } else { Self::Parts((pulse + most - 1) / most) }
+    }
 }
 
 impl Run {
-    pub(crate) fn new(train: &Train, sense: i64, extra: bool, lost: bool, pulse: i64) -> Self {
+    /// A substep is at most so many nanoseconds and units: `substep`.
+    pub(crate) fn new(train: &Train, sense: i64, extra: bool, lost: bool, pulse: i64, substep: (i64, i64)) -> Self {
         let count = train.count.min(MOST);
         let (ticks, hz) = (train.ticks(), train.hz());
         let (first, end, seconds) = (train.first, ticks.at(count), 1.0 / (hz * pulse as f64));
-        Self { ticks, count, first, end, sense, hz, extra, lost, reached: 0, pulse, seconds }
+        // A rate in whole nanoseconds is not exact.
+        let most = ((substep.0 as f64 * 1e-9 / seconds * (1.0 + 1e-9)) as i64).min(substep.1).max(1);
+        let grid = Grid::new(most, pulse);
+        Self { ticks, count, first, end, sense, hz, extra, lost, reached: 0, pulse, seconds, grid }
     }
 
     pub(crate) const fn count(&self) -> i64 {
@@ -99,22 +121,19 @@ impl Run {
         (to - from) as f64 * self.seconds
     }
 
-    /// Where the substep ends that begins at this place: at most so many nanoseconds and units on, and on a grid that
-    /// every pulse begins on, or every so many pulses.
-    pub(crate) fn substep(&self, place: i64, nanos: i64, units: i64) -> i64 {
-        // A rate in whole nanoseconds is not exact.
-        let most = ((nanos as f64 * 1e-9 / self.seconds * (1.0 + 1e-9)) as i64).min(units).max(1);
-        if most >= self.pulse {
-            let way = most / self.pulse * self.pulse;
-            return (place / way + 1) * way;
+    /// Where the substep ends that begins at this place.
+    pub(crate) fn substep(&self, place: i64) -> i64 {
+        match self.grid {
+            Grid::Pulses(way) => (place / way + 1) * way,
+            Grid::Parts(parts) => {
+                let (pulses, beyond) = (place / self.pulse, place % self.pulse);
+                let mut part = beyond * parts / self.pulse + 1;
+                if part * self.pulse / parts <= beyond {
+                    part += 1;
+                }
+                pulses * self.pulse + part * self.pulse / parts
+            }
         }
-        let parts = (self.pulse + most - 1) / most;
-        let (pulses, beyond) = (place / self.pulse, place % self.pulse);
-        let mut part = beyond * parts / self.pulse + 1;
-        if part * self.pulse / parts <= beyond {
-            part += 1;
-        }
-        pulses * self.pulse + part * self.pulse / parts
     }
 
     /// About when they have come so far.
@@ -192,7 +211,7 @@ mod tests {
 
     #[test]
     fn the_field_moves_evenly_while_a_pulse_lasts() {
-        let mut run = Run::new(&train(100, 50, 3), 1, false, false, 1_000);
+        let mut run = Run::new(&train(100, 50, 3), 1, false, false, 1_000, (100_000, 1_000));
         let at = |run: &Run| [0, 100, 101, 125, 150, 249, 250, 900].map(|ns| run.at(Instant::from_nanos(ns)));
         assert_eq!(at(&run), [0, 0, 20, 500, 1_000, 2_980, 3_000, 3_000]);
         assert_eq!([0, 20, 1_000, 2_500].map(|units| run.when(units).as_nanos()), [100, 101, 150, 225]);
@@ -213,7 +232,7 @@ mod tests {
     #[test]
     fn one_pulse_of_so_many_is_lost() {
         let mut drive = Drive::new(&DriveSettings::default());
-        let mut run = Run::new(&train(0, 50, 10), 1, false, false, 1_000);
+        let mut run = Run::new(&train(0, 50, 10), 1, false, false, 1_000, (100_000, 1_000));
         run.reached = 1_500;
         drive.skip(3, Some(&run));
         let mut parts = Vec::new();
@@ -225,7 +244,7 @@ mod tests {
         // The fifth and the eighth.
         assert_eq!(parts, [(false, 2_500), (true, 1_000), (false, 2_000), (true, 1_000), (false, 2_000)]);
         drive.over(&run);
-        let run = Run::new(&train(0, 50, 10), 1, false, false, 1_000);
+        let run = Run::new(&train(0, 50, 10), 1, false, false, 1_000, (100_000, 1_000));
         assert_eq!(drive.part(&run), (true, 1_000));
     }
 }

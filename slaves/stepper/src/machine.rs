@@ -8,10 +8,10 @@ use torno_protocol::train::Train;
 
 use crate::drive::{Drive, Run};
 use crate::encoder::{Channels, Encoder};
-use crate::plant::{Piece, Plant};
+use crate::plant::{Piece, Plant, SUBSTEPS_OF_A_TURN};
 use crate::scale::Scale;
 use crate::settings::{AxisSettings, Sensor};
-use crate::swing::Path;
+use crate::swing::{Path, SUBSTEP_NS};
 
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Machine {
@@ -194,7 +194,8 @@ impl Machine {
     pub(crate) fn feed(&mut self, train: &Train, sense: i64, extra: bool) {
         self.cut();
         let lost = self.drive.misses(train);
-        let next = Run::new(train, sense, extra, lost, self.scale.pulse);
+        let substep = (SUBSTEP_NS, self.scale.turn / SUBSTEPS_OF_A_TURN);
+        let next = Run::new(train, sense, extra, lost, self.scale.pulse, substep);
         if next.count() == 0 {
             return;
         }

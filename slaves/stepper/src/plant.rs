@@ -21,9 +21,10 @@ pub(crate) struct Plant {
     grip: Grip,
     /// The largest torque of the field.
     torque: f64,
-    /// The speed of the field in mm/s, and its sense.
+    /// The speed of the field in mm/s, and its sense; and both of them in rad/s.
     speed: f64,
     sense: i64,
+    field_speed: f64,
     corner: f64,
     start: f64,
     own_friction: f64,
@@ -38,8 +39,9 @@ pub(crate) struct Plant {
     swing: Option<Swing>,
     /// The substep under way of one that swings.
     step: Option<Step>,
-    /// An electrical turn in mm.
+    /// An electrical turn in mm, and a unit in radians of it.
     turn_mm: f64,
+    unit: f64,
 }
 
 /// What moves with the field in a piece.
@@ -65,7 +67,14 @@ enum Gait {
 }
 
 /// A substep is at most such a share of an electrical turn of the field.
-const SUBSTEPS_OF_A_TURN: i64 = 16;
+pub(crate) const SUBSTEPS_OF_A_TURN: i64 = 16;
+
+/// The nearest whole number, the farther one from 0 between two: as `libm::round`, which takes longer.
+const fn nearest(x: f64) -> i64 {
+    let whole = x as i64;
+    let beyond = x - whole as f64;
+    whole.saturating_add((beyond >= 0.5) as i64 - (beyond <= -0.5) as i64)
+}
 
 impl Plant {
     pub(crate) fn new(settings: &AxisSettings, scale: &Scale) -> Self {
@@ -79,6 +88,7 @@ impl Plant {
             torque: 1.0,
             speed: 0.0,
             sense: 1,
+            field_speed: 0.0,
             corner: motor.corner_mm_per_s,
             start: motor.start_mm_per_s,
             own_friction: motor.friction,
@@ -90,6 +100,7 @@ impl Plant {
             swing: Swing::new(motor),
             step: None,
             turn_mm: scale.turn as f64 / scale.pulse as f64 * scale.pulse_mm(),
+            unit: TAU / scale.turn as f64,
         };
         plant.take_hold();
         plant
@@ -116,6 +127,7 @@ impl Plant {
         // One that stands has to be taken along as from rest.
         let jump = if self.grip.holds_not(sense) { speed } else { jump };
         (self.sense, self.speed) = (sense, speed);
+        self.field_speed = sense as f64 * speed / self.turn_mm * TAU;
         self.out_of_step = self.loses(jump);
         self.take_hold();
         self.rest();
@@ -127,7 +139,7 @@ impl Plant {
             return;
         }
         self.release();
-        self.speed = 0.0;
+        (self.speed, self.field_speed) = (0.0, 0.0);
         self.out_of_step = false;
         self.take_hold();
         self.rest();
@@ -242,13 +254,8 @@ impl Plant {
     }
 
     /// Units as radians of an electrical turn.
-    fn radians(&self, units: i64) -> f64 {
-        units as f64 * (TAU / self.turn as f64)
-    }
-
-    /// How fast the field turns, in rad/s.
-    fn field_speed(&self) -> f64 {
-        self.sense as f64 * self.speed / self.turn_mm * TAU
+    const fn radians(&self, units: i64) -> f64 {
+        units as f64 * self.unit
     }
 
     /// The substeps in which the rotor has been integrated.
@@ -272,7 +279,7 @@ impl Plant {
 
     /// Something changes: a substep under way ends here, and a rotor that is locked to the field is free.
     pub(crate) fn release(&mut self) {
-        let field = self.field_speed();
+        let field = self.field_speed;
         if let Some(swing) = &mut self.swing {
             let speed = self.step.take().map_or(swing.speed, |step| Some(step.speed()));
             swing.speed = Some(speed.unwrap_or(field));
@@ -283,11 +290,11 @@ impl Plant {
     fn gait(&mut self, swing: &mut Swing, field: f64) -> Gait {
         let room = self.mechanics.room(self.sense);
         let Some(speed) = swing.speed else {
-            if room > 0 && field == self.field_speed() {
+            if room > 0 && field == self.field_speed {
                 return Gait::Follow;
             }
             // The carriage has met a stop, or the drive does not take a pulse.
-            swing.speed = Some(if room > 0 { self.field_speed() } else { 0.0 });
+            swing.speed = Some(if room > 0 { self.field_speed } else { 0.0 });
             return self.gait(swing, field);
         };
         // Whether its speed is near enough is known at less cost than whether its place is.
@@ -327,11 +334,13 @@ impl Plant {
     /// A substep begins, from one place to another in so many seconds, unless friction stops the rotor at once.
     fn begin_step(&mut self, swing: &mut Swing, (from, to): (i64, i64), seconds: f64, speed: f64, field: f64) {
         let forces = Forces { torque: self.torque, load: self.load, field };
-        let motion = swing.motion(&forces, self.radians(self.lag() % self.turn), speed, seconds);
-        let turned = libm::round(motion.turned / TAU * self.turn as f64) as i64;
+        let lag = self.lag();
+        let lag = if lag.abs() < self.turn { lag } else { lag % self.turn };
+        let motion = swing.motion(&forces, self.radians(lag), speed, seconds);
+        let turned = nearest(motion.turned / TAU * self.turn as f64);
         let way = turned.clamp(-self.mechanics.room(-1), self.mechanics.room(1));
         let end = if way == turned { motion.speed } else { 0.0 };
-        let to = if motion.share < 1.0 { from + libm::round(motion.share * (to - from) as f64) as i64 } else { to };
+        let to = if motion.share < 1.0 { from + nearest(motion.share * (to - from) as f64) } else { to };
         if to == from {
             swing.speed = Some(0.0);
         } else {
@@ -356,7 +365,7 @@ impl Plant {
 
     /// What a rotor that can swing does in a train.
     fn swinging(&mut self, mut swing: Swing, run: &Run, lost: bool, part: i64, most: i64) -> Piece {
-        let (from, field) = (run.reached, if lost { 0.0 } else { self.field_speed() });
+        let (from, field) = (run.reached, if lost { 0.0 } else { self.field_speed });
         let mut piece = Piece { units: most, rotor: false, carriage: false, path: None };
         loop {
             if let Some((place, path)) = self.go_on(&mut swing, from + most) {
@@ -373,7 +382,7 @@ impl Plant {
                     break;
                 }
                 Gait::Swing(speed) => {
-                    let to = run.substep(from, SUBSTEP_NS, self.turn / SUBSTEPS_OF_A_TURN).min(from + part);
+                    let to = run.substep(from).min(from + part);
                     self.begin_step(&mut swing, (from, to), run.seconds(from, to), speed, field);
                 }
             }
@@ -396,5 +405,19 @@ impl Plant {
         };
         self.swing = Some(swing);
         moved
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_nearest_whole_number_is_that_of_libm() {
+        let whole = [0.0, 0.5, 1.0, 1.5, 2.5, 3.0, 1e6 + 0.5, 4e15 + 0.5, 9e15, 1e18, 1e19];
+        for x in whole.into_iter().flat_map(|x: f64| [x, x.next_down(), x.next_up()]).flat_map(|x| [x, -x]) {
+            assert_eq!(nearest(x), libm::round(x) as i64, "{x}");
+        }
+        assert_eq!(nearest(f64::NAN), 0);
     }
 }
