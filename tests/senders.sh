@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Published G-code senders, headless, at the port of the rig with the GRBL controller: each runs a job to its end, by a
-# pty, by TCP, and by RFC 2217 if it can. One that opens paths only gets a path that leads to TCP.
+# pty, by TCP, and by RFC 2217 if it can. One that opens paths only gets a path that leads to TCP. One that is told where
+# its job ends runs another one on the engraver.
 # Usage: tests/senders.sh TORNO. PYTHONPATH and NODE_PATH say where the senders are; one that is not there is skipped.
 set -euo pipefail
 torno=$(realpath "$1")
@@ -21,14 +22,15 @@ fail() {
   exit 1
 }
 
-# By what a sender reaches the rig: `pty`, `tcp` or `rfc2217`.
+# By what a sender reaches the rig: `pty`, `tcp` or `rfc2217`; and the rig, its job, and where that ends.
 run() {
-  local way=$1 port=$folder/pc transport=(--link "$folder/pc")
+  local way=$1 machine=${2:-lathe-grbl} job=$here/${3:-shoulder.nc} place=${4:-0.356,0.000,1.000}
+  local port=$folder/pc transport=(--link "$folder/pc")
   [ "$way" = pty ] || transport=(--transport "$way://127.0.0.1:0")
   # pyserial flushes 0.25 s after it has raised DTR: the banner must not come before that at this pace, either.
   [ "$way" != rfc2217 ] || transport+=(--set grbl.boot_ms=3000)
   mkfifo "$folder/ready"
-  "$torno" up lathe-grbl --json "${transport[@]}" --control "$folder/control" --pace 10 >"$folder/ready" 2>"$folder/log" &
+  "$torno" up "$machine" --json "${transport[@]}" --control "$folder/control" --pace 10 >"$folder/ready" 2>"$folder/log" &
   rig=$!
   local ready
   read -r ready <"$folder/ready"
@@ -41,22 +43,28 @@ run() {
       until [ -e "$port" ]; do sleep 0.1; done
     fi
   fi
-  local command=(timeout 120 "$program" "$script" "$port" "$here/shoulder.nc")
-  (cd "$folder" && HOME=$folder "${command[@]}") >"$folder/said" 2>&1 || fail "$sender did not run the job as it should by $way"
+  local command=(timeout 120 "$program" "$script" "$port" "$job")
+  if takes_place; then command+=("$place"); fi
+  (cd "$folder" && HOME=$folder "${command[@]}") >"$folder/said" 2>&1 \
+    || fail "$sender did not run the job as it should by $way on $machine"
   # The sender has told where the machine stands; this is where it does.
   "$torno" ctl --socket "$folder/control" state >"$folder/state"
-  for place in 'transverse .* position_counts 450,' 'depth .* position_counts 2,'; do
-    grep -q "^$place" "$folder/state" || { cat "$folder/state"; fail "$sender by $way: expected '$place'"; }
+  local stands=('transverse .* position_counts 450,' 'depth .* position_counts 2,')
+  # Within 0.01 mm of 5 and 2 mm.
+  [ "$machine" != engraver ] || stands=('engraver .* x_carriage_nm (499|500)[0-9]{4},.* y_carriage_nm (199|200)[0-9]{4},')
+  for expected in "${stands[@]}"; do
+    grep -Eq "^$expected" "$folder/state" || { cat "$folder/state"; fail "$sender by $way: expected '$expected'"; }
   done
   kill -INT "$rig"
   wait "$rig" || true
   [ -z "$bridge" ] || { kill "$bridge" 2>/dev/null || true; wait "$bridge" || true; }
   rig= bridge=
   rm -rf "${folder:?}"/*
-  echo "passed: $sender by $way"
+  echo "passed: $sender by $way on $machine"
 }
 
 opens_urls() { grep -q serial_for_url "$script"; }
+takes_place() { grep -q '^port, job, place = ' "$script"; }
 
 for script in "$here"/by_*; do
   sender=$(basename "${script%.*}")
@@ -76,6 +84,7 @@ for script in "$here"/by_*; do
     continue
   fi
   run pty
+  if takes_place; then run pty engraver engraving.nc 5.000,2.000,0.000,0.000; fi
   if opens_urls; then
     run tcp
     run rfc2217

@@ -5,7 +5,7 @@ import time
 import serial
 from grbl_link.grbl_link import Grbl
 
-port, job = sys.argv[1:]
+port, job, place = sys.argv[1:]
 sender = Grbl(serial.serial_for_url(port, 115200, timeout=1))
 deadline = time.monotonic() + 60
 
@@ -31,4 +31,4 @@ def idle():
 
 wait_for("the end of the job", idle)
 assert sender.alarm_state is None, sender.alarm_state
-assert sender.status["MPos"] == [0.356, 0.0, 1.0], sender.status
+assert sender.status["MPos"] == [float(axis) for axis in place.split(",")], sender.status

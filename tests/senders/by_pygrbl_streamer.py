@@ -4,7 +4,7 @@ import threading
 
 from pygrbl_streamer import GrblStreamer
 
-port, job = sys.argv[1:]
+port, job, place = sys.argv[1:]
 failed, heard, over = [], [], threading.Event()
 sender = GrblStreamer(port)
 sender.alarm_callback = failed.append
@@ -23,5 +23,5 @@ completed = sender.send_file(job, completion_timeout=60)
 over.set()
 assert completed and not failed, failed
 assert any(line.startswith("<Run|") for line in heard), heard
-assert sender.last_status["raw"].startswith("<Idle|MPos:0.356,0.000,1.000|"), sender.last_status
+assert sender.last_status["raw"].startswith(f"<Idle|MPos:{place}|"), sender.last_status
 sender.disconnect()
