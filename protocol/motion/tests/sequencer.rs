@@ -42,7 +42,13 @@ fn a_line_is_left_by_as_much_as_the_timers_are_coarse() {
     planner.start(Instant::START);
     let interpolated = off_the_line(planner.segment().unwrap(), line);
     // Half a step of each axis.
-    assert!(interpolated < 0.00159, "{interpolated}");
+    assert!((interpolated - 0.00158).abs() < 0.00001, "{interpolated}");
+    // A DDA makes a pulse of Y, or none, with each pulse of X: half a step of Y.
+    let nearest = |x: i32| (f64::from(x) * 0.333).round();
+    let dda = (0..=40_000).map(|x| (nearest(x) - f64::from(x) * 0.333).abs() * PULSE_MM * 100.0 / 105.4);
+    let dda = dda.fold(0.0, f64::max);
+    assert!((dda - 0.00119).abs() < 0.00001, "{dda}");
+    println!("off the line, mm: timers {coarse:.4} and {fine:.5}, interpolated {interpolated:.5}, a DDA {dda:.5}");
 }
 
 #[test]
@@ -50,6 +56,7 @@ fn in_a_rapid_motion_each_axis_goes_its_own_way() {
     let to = [30.0, 17.0, 0.0, 0.0];
     let off = off_the_line(sequenced(1, to, Rate::Rapid).segment().unwrap(), to);
     assert!((off - 6.41).abs() < 0.02, "{off}");
+    println!("off the line in a rapid motion, mm: {off:.3}");
     // Z first up, and last down.
     for (z, first) in [(5.0, [0, 0, 2_000, 0]), (-5.0, [4_000, 0, 0, 0])] {
         let mut sequencer = sequenced(1, [10.0, 0.0, z, 0.0], Rate::Rapid);
