@@ -347,7 +347,9 @@ impl Machine {
         if path.is_none() {
             self.at = end;
         }
-        self.run = Some(*run);
+        if let Some(own) = &mut self.run {
+            own.reached = run.reached;
+        }
         let asked = if run.extra || path.is_some() { 0 } else { run.sense * units };
         let moved = if carriage { run.sense * units } else { 0 };
         self.note_deviation(asked - moved);

@@ -18,7 +18,7 @@ use crate::watch::Watch;
 const KEPT: usize = 32;
 const SUBSTEPS_KEPT: u32 = 16;
 /// While the rotor swings, a state is kept so often.
-const STATE_EVERY: Span = Span::from_millis(5);
+const STATE_EVERY: Span = Span::from_millis(2);
 /// A rotor that swings without a train is looked ahead for so many substeps: a second.
 const SUBSTEPS_MAX: u32 = 10_000;
 
