@@ -220,6 +220,7 @@ fn loops_are_compared_and_the_open_one_does_not_see_what_it_has_lost() {
     assert!(of("dynamic", "worst_mm") < 0.03 && of("fixed 50 ms", "worst_mm") > 0.1);
     let drawn = std::fs::read_to_string(&picture).unwrap();
     let page = std::fs::read_to_string(&page).unwrap();
+    assert!(drawn.contains("pauses") && drawn.contains("slips, more than"));
     assert!(drawn.contains("times as much") && page.contains(&drawn) && page.contains("<td>fixed 50 ms<td"));
     for (arguments, expected) in [
         (["--rig", "lathe"], "expected one such as 'engraver'"),

@@ -26,6 +26,13 @@ const COLUMNS: usize = 900;
 const MAGNIFICATIONS: [f64; 10] = [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1_000.0];
 const LARGEST_SHARE: f64 = 0.05;
 
+/// A pause in the work lasts so long: longer than a reversal, and as long as a loop settles.
+const PAUSE_S: f64 = 0.015;
+/// Half an electrical turn of the engraver's motors: an axis that is further off has slipped.
+const SLIP_MM: f64 = 0.05;
+/// A mark is so far from its middle, as a share of the picture.
+const MARK_SHARE: f64 = 0.01;
+
 type Point = (f64, f64);
 
 /// An axis, in mm; or degrees, if it turns.
@@ -101,6 +108,16 @@ fn envelope(points: &[Point]) -> Vec<Point> {
     ends.collect()
 }
 
+/// A cross at a place.
+fn cross((x, y): Point, size: f64) -> Vec<Vec<Point>> {
+    vec![vec![(x - size, y - size), (x + size, y + size)], vec![(x - size, y + size), (x + size, y - size)]]
+}
+
+/// A square on its tip at a place.
+fn diamond((x, y): Point, size: f64) -> Vec<Vec<Point>> {
+    vec![vec![(x - size, y), (x, y + size), (x + size, y), (x, y - size), (x - size, y)]]
+}
+
 /// Whether a board with this description can be looked at so.
 pub fn has_axes(description: &Description) -> bool {
     !tracked(description).is_empty()
@@ -136,7 +153,7 @@ impl Tracking {
     }
 
     /// The way in the work, seen from above: asked, and gone. How far they are apart is drawn so much larger that it
-    /// can be seen; the legend says how much. None without X and Y.
+    /// can be seen; the legend says how much. Pauses and slips are marked. None without X and Y.
     pub fn magnified(&self, name: &str) -> Option<Panel> {
         let (x, y) = (self.axis("x")?, self.axis("y")?);
         let works = self.in_work();
@@ -145,16 +162,48 @@ impl Tracking {
             let places = axis.places.iter().map(|(asked, _)| *asked);
             places.clone().fold(f64::NEG_INFINITY, f64::max) - places.fold(f64::INFINITY, f64::min)
         };
-        let most = spread(x).max(spread(y)) * LARGEST_SHARE / worst.max(1e-9);
+        let spread = spread(x).max(spread(y));
+        let most = spread * LARGEST_SHARE / worst.max(1e-9);
         let times = MAGNIFICATIONS.into_iter().rfind(|times| *times <= most).unwrap_or(1.0);
         let asked = self.pieces(&works, |axis, n| axis.places[n].0, (x, y));
         let gone =
             self.pieces(&works, |axis, n| axis.places[n].0 + times * (axis.places[n].1 - axis.places[n].0), (x, y));
-        let series = vec![
+        let mut series = vec![
             Series::pieces("asked", Style::Line, asked),
             Series::pieces(format!("gone, off by {times} times as much"), Style::Line, gone),
         ];
+        let slips = [x, y].into_iter().flat_map(|axis| self.slips(axis)).filter(|n| works(*n)).collect();
+        for (marks, what, shape) in [
+            (self.pauses(&works), "pauses".to_owned(), cross as fn(Point, f64) -> _),
+            (slips, format!("slips, more than {SLIP_MM} mm off"), diamond),
+        ] {
+            let place = |n: usize| (x.places[n].0, y.places[n].0);
+            let drawn: Vec<_> = marks.into_iter().flat_map(|n| shape(place(n), spread * MARK_SHARE)).collect();
+            if !drawn.is_empty() {
+                series.push(Series::pieces(what, Style::Line, drawn));
+            }
+        }
         Some(Panel { x: format!("x, mm ({name})"), y: "y, mm".to_owned(), height: 1.0, series })
+    }
+
+    /// The looks at which the axes begin to stand in the work, if they go on later.
+    fn pauses(&self, works: impl Fn(usize) -> bool) -> Vec<usize> {
+        let stand = |a: usize, b: usize| self.axes.iter().all(|axis| axis.places[a].0 == axis.places[b].0);
+        let (mut pauses, mut begin) = (Vec::new(), 0);
+        for n in 1..self.at.len() {
+            if !stand(begin, n) {
+                if works(begin) && self.at[n - 1] - self.at[begin] >= PAUSE_S {
+                    pauses.push(begin);
+                }
+                begin = n;
+            }
+        }
+        pauses
+    }
+
+    /// The looks at which an axis has slipped.
+    fn slips(&self, axis: &Tracked) -> Vec<usize> {
+        (1..self.at.len()).filter(|n| axis.off(*n) > SLIP_MM && axis.off(n - 1) <= SLIP_MM).collect()
     }
 
     /// Whether the tool is in the work at a look: below where it was at the start.
@@ -225,5 +274,26 @@ impl Tracking {
             }
         }
         Figure { title: title.to_owned(), panels }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pause_in_the_work_and_a_slip_are_marked() {
+        // X goes a mm in 10 ms, stands for 20 ms, goes on, and is 0.1 mm off from then on.
+        let asked = [0.0, 0.0, 1.0, 2.0, 2.0, 2.0, 3.0, 4.0, 4.0, 4.0, 4.0];
+        let x = asked.iter().zip(0..).map(|(asked, n)| (*asked, *asked - if n > 5 { 0.1 } else { 0.0 }));
+        let axis = |name: &str, places| Tracked { name: name.to_owned(), unit: "mm", places };
+        let z = (0..11).map(|n| if n > 0 { (-1.0, -1.0) } else { (0.0, 0.0) });
+        let axes = vec![axis("x", x.collect()), axis("y", vec![(0.0, 0.0); 11]), axis("z", z.collect())];
+        let mut tracking = Tracking { at: (0..11).map(|n| f64::from(n) / 100.0).collect(), axes };
+        assert_eq!((tracking.pauses(tracking.in_work()), tracking.slips(&tracking.axes[0])), (vec![3], vec![6]));
+        assert_eq!(tracking.magnified("").unwrap().series.len(), 4);
+        // In the air nobody minds.
+        tracking.axes[2].places = vec![(0.0, 0.0); 11];
+        assert_eq!(tracking.magnified("").unwrap().series.len(), 2);
     }
 }
