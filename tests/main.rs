@@ -42,6 +42,7 @@ mod promise;
 mod recordings;
 mod report;
 mod run;
+mod saving;
 mod scenarios;
 mod send;
 mod servo;

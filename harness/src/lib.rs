@@ -31,6 +31,7 @@ pub mod recorder;
 pub mod replay;
 pub mod report;
 pub mod rig;
+pub mod saving;
 pub mod scenario;
 #[cfg(target_os = "linux")]
 pub mod seat;
@@ -40,6 +41,7 @@ pub mod session;
 #[cfg(target_os = "linux")]
 pub mod socket;
 pub mod speed;
+pub mod spool;
 pub mod sweep;
 pub mod text_file;
 pub mod toolpath;

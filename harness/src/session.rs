@@ -21,6 +21,7 @@ use crate::pace::{Brake, Pace};
 use crate::recorder::{RECORDED, Recorder, RecordingError};
 use crate::rig::file::RigFile;
 use crate::rig::{Driver, Incident, Rig, RigError};
+use crate::spool::{SoFar, Spool};
 
 /// The place of the PC's gateway in the rig file.
 pub const PC: usize = 0;
@@ -54,6 +55,7 @@ pub struct Session {
     replies: Vec<Replies>,
     faults: Faults,
     recorder: Option<Recorder>,
+    spool: Option<Spool>,
     trace: Option<Trace>,
     brake: Option<Brake>,
     logs: bool,
@@ -166,6 +168,7 @@ impl Session {
             replies: file.gateways().map(|gateway| Replies::new(gateway.dialect)).collect(),
             faults: Faults::default(),
             recorder: None,
+            spool: None,
             trace: None,
             brake: None,
             logs: true,
@@ -193,6 +196,16 @@ impl Session {
     /// Keeps everything from the start, under this header. For a rig that does not run yet.
     pub fn keep(&mut self, header: Header) {
         self.trace = Some(Trace::new(header));
+    }
+
+    /// Keeps everything from the start for whoever asks before the end. For a rig that does not run yet.
+    pub fn spool(&mut self, spool: Spool) {
+        self.spool = Some(spool);
+    }
+
+    /// What is kept for whoever asks before the end.
+    pub const fn spooled(&self) -> Option<&Spool> {
+        self.spool.as_ref()
     }
 
     /// Asks these boards at the end what they keep without power.
@@ -481,8 +494,7 @@ impl Session {
     /// [`SessionError::Recording`] if the recording cannot be written.
     pub fn close(mut self, outcome: &str) -> Result<Ended, SessionError> {
         let until = self.end.unwrap_or(self.noted).max(Instant::START.next());
-        let at = until - Span::from_nanos(1);
-        let end = End { digest: self.digest.sum().to_string(), at, outcome: outcome.to_owned() };
+        let end = self.end_at(until, outcome);
         if let Some(recorder) = &mut self.recorder {
             recorder.finish(&end)?;
         }
@@ -491,6 +503,30 @@ impl Session {
         }
         let boards = self.boards();
         Ok(Ended { end, boards, trace: self.trace, kept: self.kept, begun: self.begun, rig: self.rig })
+    }
+
+    fn end_at(&self, until: Instant, outcome: &str) -> End {
+        End { digest: self.digest.sum().to_string(), at: until - Span::from_nanos(1), outcome: outcome.to_owned() }
+    }
+
+    /// The earliest instant, not before `now`, at which the session could end: nothing that has been noted is later.
+    pub fn earliest_end(&self, now: Instant) -> Instant {
+        now.max(self.rig.engine().frontier()).max(self.noted).max(Instant::START.next())
+    }
+
+    /// What has happened so far, if it is kept: as if the session ended at `until`, its
+    /// [earliest end](Self::earliest_end), to which every board has been [brought](Self::settle_on).
+    ///
+    /// # Errors
+    /// If the system refuses it.
+    pub fn so_far(&mut self, until: Instant) -> io::Result<Option<SoFar>> {
+        let end = self.end_at(until, ENDED);
+        self.spool.as_mut().map(|spool| spool.so_far(&end)).transpose()
+    }
+
+    /// The faults that have begun, and when.
+    pub fn begun(&self) -> &[(String, Instant)] {
+        &self.begun
     }
 
     /// How the boards stand, without the gateways' UARTs.
@@ -527,6 +563,9 @@ impl Session {
         }
         if let Some(recorder) = &mut self.recorder {
             recorder.note(&happened.inputs, &happened.facts, self.rig.engine().frontier())?;
+        }
+        if let Some(spool) = &mut self.spool {
+            spool.note(&happened.inputs, &happened.facts, self.rig.engine().frontier());
         }
         if let Some(trace) = &mut self.trace {
             trace.inputs.extend_from_slice(&happened.inputs);

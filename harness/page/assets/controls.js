@@ -6,20 +6,25 @@ import { instant, paceText, say } from "./words.js";
 const PACES = ["0.1", "0.5", "1", "2", "5", "10", "100", "max"];
 const STEPS = ["1 ms", "10 ms", "100 ms", "1 s", "10 s"];
 
-/** Asks the rig for something, as `torno ctl` does. Gives its answer; what it refuses is told, and gives null. */
-export async function ask(request) {
-  let answer;
+/** Sends a request. Gives the response, and the answer in it; none, if it is a file. */
+export async function request(asked) {
   try {
     const response = await fetch("ask", {
       method: "POST",
       headers: { "content-type": "application/json" },
-      body: JSON.stringify(request),
+      body: JSON.stringify(asked),
     });
+    if (response.headers.has("content-disposition")) return { response };
     const text = await response.text();
-    answer = response.ok ? JSON.parse(text) : { error: text };
+    return { response, answer: response.ok ? JSON.parse(text) : { error: text } };
   } catch {
-    answer = { error: say("unreachable") };
+    return { answer: { error: say("unreachable") } };
   }
+}
+
+/** Asks the rig for something, as `torno ctl` does. Gives its answer; what it refuses is told, and gives null. */
+export async function ask(asked) {
+  const { answer } = await request(asked);
   tell(answer.error ?? "");
   return answer.ok ?? null;
 }

@@ -9,6 +9,7 @@ import { Charts } from "./charts.js";
 import { Controls } from "./controls.js";
 import { Machine } from "./machine.js";
 import { Program } from "./program.js";
+import { Save } from "./save.js";
 import { Status } from "./status.js";
 import { Talk } from "./talk.js";
 
@@ -20,7 +21,7 @@ const SILENT = 4000;
 const model = new Model();
 const views = [
   new Controls(model), new Machine(model), new Boards(model), new Charts(model), new Bus(model), new Talk(model),
-  new Program(model), new Status(model),
+  new Program(model), new Save(model), new Status(model),
 ];
 
 let link = "connecting";

@@ -11,4 +11,4 @@ mod guard;
 mod server;
 mod token;
 
-pub use server::{Behind, PageError, Server};
+pub use server::{Answer, Behind, PageError, Server};

@@ -57,11 +57,29 @@ const ALWAYS: [(HeaderName, &str); 5] = [
 /// What is behind the page.
 pub trait Behind: Clone + Send + Sync + 'static {
     /// Answers what a browser asks.
-    fn ask(&self, request: String) -> impl Future<Output = String> + Send;
+    fn ask(&self, request: String) -> impl Future<Output = Answer> + Send;
 
     /// What a browser is told from now on, as events that the server sends; nothing more, once what this gives is
     /// dropped.
     fn tell(&self) -> Receiver<Bytes>;
+}
+
+/// What is answered.
+#[derive(Debug)]
+pub enum Answer {
+    /// JSON.
+    Json(String),
+    /// A file to be kept.
+    File {
+        /// What a person would call it: letters, digits, `-`, `_` and `.`; what else is in it is left out.
+        name: String,
+        /// Its media type.
+        media: &'static str,
+        /// How many bytes there are.
+        bytes: u64,
+        /// They.
+        pieces: Receiver<Bytes>,
+    },
 }
 
 /// Why there is no page.
@@ -193,7 +211,10 @@ impl<B: Behind> Shared<B> {
             return text(StatusCode::UNSUPPORTED_MEDIA_TYPE, "expected application/json");
         }
         match tokio::time::timeout(ASKED_WITHIN, whole(request.into_body())).await {
-            Ok(Some(asked)) => answer(StatusCode::OK, "application/json", Body::text(self.behind.ask(asked).await)),
+            Ok(Some(asked)) => match self.behind.ask(asked).await {
+                Answer::Json(text) => answer(StatusCode::OK, "application/json", Body::text(text)),
+                Answer::File { name, media, bytes, pieces } => file(&name, media, bytes, pieces),
+            },
             Ok(None) => text(StatusCode::PAYLOAD_TOO_LARGE, "expected a request in UTF-8 of at most 1 MiB"),
             Err(_) => text(StatusCode::REQUEST_TIMEOUT, "expected the whole request sooner"),
         }
@@ -228,6 +249,19 @@ fn poll(
 
 fn text(status: StatusCode, text: &'static str) -> Response<Body> {
     answer(status, "text/plain; charset=utf-8", Body::text(text))
+}
+
+/// A file, which a browser is to keep and not to show.
+fn file(name: &str, media: &'static str, bytes: u64, pieces: Receiver<Bytes>) -> Response<Body> {
+    let mut response = answer(StatusCode::OK, media, Body::Coming(pieces));
+    let is_plain = |c: &char| c.is_ascii_alphanumeric() || "-_.".contains(*c);
+    let name: String = name.chars().filter(is_plain).collect();
+    let headers = response.headers_mut();
+    headers.insert(header::CONTENT_LENGTH, HeaderValue::from(bytes));
+    if let Ok(kept) = HeaderValue::from_str(&format!("attachment; filename=\"{name}\"")) {
+        headers.insert(header::CONTENT_DISPOSITION, kept);
+    }
+    response
 }
 
 fn answer(status: StatusCode, kind: &'static str, body: Body) -> Response<Body> {

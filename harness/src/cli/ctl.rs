@@ -1,23 +1,27 @@
 //! `torno ctl`
 
 use std::fmt::Write as _;
-use std::io::{self, BufRead, BufReader, BufWriter, Write};
+use std::io::{self, BufRead, BufReader, BufWriter, Read, Write};
 use std::os::unix::net::UnixStream;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, bail};
 use serde_json::Value;
-use torno::control::{Begun, Done, Form, ProgramState, Request, State};
+use torno::control::{Begun, Done, File, Form, KeptState, ProgramState, Request, State};
 use torno::fault::{BOARD_KINDS, LINE_KINDS};
 use torno::observe::stderr::say;
 use torno::rig::file::DEFAULT;
+use torno::saving::{Product, create};
 use torno_port::default_folder;
 use torno_protocol::time::Instant;
 use torno_text::nearest;
 
+use super::output::is_output;
 use super::trace::Shown;
-use super::{USAGE, colour, print, read_program};
+use super::{USAGE, colour, print_beside, read_program};
+
+const MIB: f64 = 1_048_576.0;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -74,6 +78,15 @@ enum Command {
     },
     /// Sends no more of that program
     Stop,
+    /// Saves what has happened so far: a recording, a report (HTML), the part (SVG), every line (VCD), or the path of
+    /// the tool (SVG)
+    Save {
+        /// What
+        #[arg(value_parser = product)]
+        what: Product,
+        /// The file; one that is new no one else can read; '-' is standard output
+        file: PathBuf,
+    },
     /// Prints what happens from now on, until it is ended
     Watch(Shown),
 }
@@ -164,6 +177,7 @@ impl Command {
             Self::Pace { pace } => Request::Pace { pace: pace.clone() },
             Self::Play { program } => Request::Play { program: read_program(program)? },
             Self::Stop => Request::Stop,
+            Self::Save { what, .. } => Request::Save { what: *what },
             Self::Watch(Shown { line, board, kind }) => {
                 let form = match () {
                     () if json => Form::Json,
@@ -175,6 +189,11 @@ impl Command {
         })
     }
 
+    /// The file that is written, if one is.
+    fn file(&self) -> Option<PathBuf> {
+        if let Self::Save { file, .. } = self { Some(file.clone()) } else { None }
+    }
+
     /// The answer for people.
     fn text(&self, answer: Value) -> anyhow::Result<String> {
         let at = |ns: u64| Instant::from_nanos(ns);
@@ -184,6 +203,10 @@ impl Command {
                 Begun { name, since: Some(since) } => format!("fault '{name}' begins at {}\n", at(since)),
                 Begun { name, since: None } => format!("fault '{name}' lies in wait\n"),
             },
+            Self::Save { file, .. } => {
+                let File { ns, bytes, .. } = serde_json::from_value(answer)?;
+                format!("'{}' holds what happened before {}: {bytes} bytes\n", file.display(), at(ns))
+            }
             _ => {
                 let Done { ns } = serde_json::from_value(answer)?;
                 let watching = if matches!(self, Self::Watch(_)) { "watching from" } else { "at" };
@@ -213,10 +236,16 @@ impl Arguments {
             say(&format!("torno: {error}\n"));
             return Ok(ExitCode::from(USAGE));
         }
+        if let Command::Save { file, .. } = &self.command {
+            let File { bytes, .. } = serde_json::from_value(answer["ok"].clone())?;
+            receive(&mut answers, bytes, file)?;
+        }
         let watches = matches!(self.command, Command::Watch(_));
         match answer.get_mut("ok").map(Value::take) {
-            Some(ok) if self.json => print(&format!("{ok}\n"))?,
-            Some(ok) => print(&self.command.text(ok)?)?,
+            Some(ok) => {
+                let text = if self.json { format!("{ok}\n") } else { self.command.text(ok)? };
+                print_beside(&[&self.command.file()], &text)?;
+            }
             None => bail!("the rig does not answer in our words"),
         }
         if watches {
@@ -224,6 +253,24 @@ impl Arguments {
         }
         Ok(ExitCode::SUCCESS)
     }
+}
+
+/// Writes the bytes that follow into a file.
+fn receive(answers: &mut impl Read, bytes: u64, path: &Path) -> anyhow::Result<()> {
+    let cannot = || format!("cannot write '{}'", path.display());
+    let mut file: Box<dyn Write> =
+        if is_output(path) { Box::new(io::stdout().lock()) } else { Box::new(create(path).with_context(cannot)?) };
+    let copied = io::copy(&mut answers.take(bytes), &mut file).and_then(|copied| file.flush().map(|()| copied));
+    if copied.with_context(cannot)? < bytes {
+        bail!("the rig has ended before all of '{}' had come", path.display());
+    }
+    Ok(())
+}
+
+fn product(text: &str) -> Result<Product, String> {
+    let name = |product: &Product| serde_json::to_value(product).is_ok_and(|name| name == text);
+    let found = Product::ALL.into_iter().find(name);
+    found.ok_or_else(|| "expected recording, report, part, vcd or path".to_owned())
 }
 
 /// Prints what follows, as it comes. That no one reads it ends it, and is no error.
@@ -265,6 +312,10 @@ fn state_text(state: &State) -> anyhow::Result<String> {
     if let Some(ProgramState { accepted, of, outcome }) = &state.program {
         let outcome = outcome.as_ref().map_or_else(String::new, |outcome| format!(", {outcome}"));
         writeln!(text, "\nprogram {accepted} of {of} accepted{outcome}")?;
+    }
+    if let Some(KeptState { bytes, of, until }) = &state.kept {
+        let until = until.map_or_else(String::new, |ns| format!(", nothing after {}", Instant::from_nanos(ns)));
+        writeln!(text, "\nkept    {:.1} of {} MiB{until}", *bytes as f64 / MIB, of / (1 << 20))?;
     }
     for (n, fault) in state.faults.iter().enumerate() {
         let since = match fault.since {

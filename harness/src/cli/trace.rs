@@ -8,19 +8,15 @@ use anyhow::Context;
 use torno::pins::pins;
 use torno::report::Cut;
 use torno::report::page::Page;
-use torno::rig::file::RigFile;
+use torno::saving::write_waveforms;
 use torno::speed::with_speeds;
-use torno_protocol::board::Pin;
-use torno_protocol::time::{Instant, Span};
+use torno_protocol::time::Instant;
+use torno_trace::Timescale;
 use torno_trace::analyser::rows;
 use torno_trace::rows::{CSV_HEADER, Filter, Row, Wanted};
-use torno_trace::{Timescale, Trace, Waveforms};
 
 use super::options::{time, timescale};
 use super::{OutputFile, USAGE, colour, load_trace, write_file};
-
-/// Goes on for so long after the end of a waveform dump whose rig this version cannot read: two characters at 50 baud.
-const LONG_TAIL: Span = Span::from_millis(400);
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -110,14 +106,4 @@ fn print_rows(first: Option<&str>, rows: impl Iterator<Item = String>) -> io::Re
         writeln!(output, "{row}")?;
     }
     output.flush()
-}
-
-/// Writes every line of a trace, and these pins, for a logic analyser.
-pub(super) fn write_waveforms(trace: &Trace, pins: Vec<Pin>, scale: Timescale, file: impl Write) -> io::Result<()> {
-    let mut waveforms = Waveforms::new(&trace.header.layout);
-    trace.facts.iter().for_each(|fact| waveforms.add(fact));
-    waveforms.add_pins(pins);
-    let end = trace.end.as_ref().map_or(trace.settled, |end| end.at);
-    let tail = RigFile::parse(&trace.header.rig, &trace.header.text).map_or(LONG_TAIL, |file| file.margin());
-    waveforms.write(file, end, tail, scale)
 }

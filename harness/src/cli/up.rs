@@ -19,19 +19,17 @@ use torno::report::page::Page;
 use torno::report::{Cut, FaultSummary};
 use torno::rig::ProcessChange;
 use torno::rig::file::{DEFAULT, RigFile};
+use torno::saving::{SESSION, write_waveforms};
 use torno::scenario::seed_text;
 use torno::session::ENDED;
+use torno::spool::Spool;
 use torno_trace::Timescale;
 use tracing::Instrument;
 
 use super::options::{Eeprom, Placement, drawing, keepers, write_kept};
 use super::output::OutputFile;
-use super::trace::write_waveforms;
 use super::{FAILED, INTERRUPTED, Interrupt, load_rig, print_beside, rig_span, start_recording, wait_for_boards};
 use ways::{Open, Ports, Ways, attach, paths};
-
-/// What stands for the name of a program in a drawing of what programs outside have made.
-const SESSION: &str = "a live session";
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -65,6 +63,9 @@ pub(super) struct Arguments {
     /// Writes every line into this file for a logic analyser (VCD), at the end; '-' is standard output
     #[arg(long, value_name = "FILE")]
     vcd: Option<PathBuf>,
+    /// Keeps so many MiB of what happens, on disk, for 'torno ctl save' and the page; 0 keeps nothing
+    #[arg(long, value_name = "MIB", default_value = "64")]
+    keep: u32,
     /// Breaks what this file says: [[fault]] tables as in a scenario
     #[arg(long, value_name = "FILE")]
     faults: Option<PathBuf>,
@@ -156,6 +157,12 @@ impl Arguments {
         live.wait_for(open.gateways());
         if let Some(recorder) = recorder {
             live.record(recorder);
+        }
+        if self.keep > 0 {
+            match Spool::begin(&header, u64::from(self.keep) << 20) {
+                Ok(spool) => live.spool(spool),
+                Err(error) => tracing::warn!(%error, "nothing is kept for 'torno ctl save'"),
+            }
         }
         live.plan(&faults);
         live.ask_at_the_end(keepers(&kept_files));

@@ -15,13 +15,15 @@ mod server;
 
 pub use backlog::{Rows, ToTell, backlog};
 pub use path::socket_beside;
-pub use server::{Answer, Asker, Call, Control};
+pub(crate) use server::pieces;
+pub use server::{Answer, Asker, Call, Control, Reply};
 
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
 use crate::report::EventSummary;
+use crate::saving::Product;
 
 /// What is asked of a rig that runs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -71,6 +73,11 @@ pub enum Request {
     },
     /// No more of that program is sent. Answered by [`Done`].
     Stop,
+    /// What has happened so far, as a file. Answered by [`File`], behind which its bytes follow.
+    Save {
+        /// What is made of it.
+        what: Product,
+    },
     /// What happens from now on, a line each. Answered by [`Done`].
     Watch {
         /// These lines; none and no boards: all.
@@ -106,6 +113,17 @@ pub enum Form {
 pub struct Done {
     /// When, in virtual nanoseconds: the instant from which it holds.
     pub ns: u64,
+}
+
+/// A file follows.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct File {
+    /// It holds what happened before this, in virtual nanoseconds.
+    pub ns: u64,
+    /// What a person would call it.
+    pub name: String,
+    /// So many bytes follow.
+    pub bytes: u64,
 }
 
 /// A fault has begun, or lies in wait.
@@ -144,6 +162,20 @@ pub struct State {
     /// The program that was played last by [`Request::Play`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub program: Option<ProgramState>,
+    /// What is kept of what has happened, for [`Request::Save`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub kept: Option<KeptState>,
+}
+
+/// What is kept of what has happened.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct KeptState {
+    /// So many bytes on disk.
+    pub bytes: u64,
+    /// So many there may be.
+    pub of: u64,
+    /// Nothing more is kept: what happened before this is, in virtual nanoseconds.
+    pub until: Option<u64>,
 }
 
 /// How far a program is.

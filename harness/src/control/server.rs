@@ -1,10 +1,11 @@
 //! The rig's side of the control socket.
 
 use std::future::poll_fn;
-use std::io;
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::pin::pin;
 
+use bytes::Bytes;
 use futures_core::Stream;
 use serde::Serialize;
 use serde_json::json;
@@ -13,13 +14,16 @@ use tokio::net::UnixStream;
 use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinHandle;
 
-use super::Request;
 use super::backlog::{ROOM, Rows, backlog, lost};
 use super::lines::lines;
+use super::{File, Request};
+use crate::saving::Saved;
 use crate::socket::{OwnSocket, Purpose, SocketError};
 
 /// What is answered when no one answers.
 const ENDED: &str = "the rig has ended";
+/// So many bytes of a file are sent at once.
+const PIECE: usize = 64 << 10;
 /// Requests that wait for the rig.
 const WAITING: usize = 16;
 /// What the socket is for.
@@ -39,7 +43,16 @@ pub struct Call {
 
 /// The way of an answer to the client.
 #[derive(Debug)]
-pub struct Answer(oneshot::Sender<String>);
+pub struct Answer(oneshot::Sender<Reply>);
+
+/// What is answered.
+#[derive(Debug)]
+pub struct Reply {
+    /// A line of JSON, without its end.
+    pub line: String,
+    /// The file whose bytes follow on it.
+    pub file: Option<Saved>,
+}
 
 impl Answer {
     /// Answers. That the client has gone is no error.
@@ -48,8 +61,35 @@ impl Answer {
             Ok(value) => json!({ "ok": value }),
             Err(error) => json!({ "error": error.to_string() }),
         };
-        self.0.send(answer.to_string()).ok();
+        self.0.send(Reply { line: answer.to_string(), file: None }).ok();
     }
+
+    /// Answers with a file, of what happened before this instant.
+    pub fn hand(self, ns: u64, file: Saved) {
+        let about = File { ns, name: file.name.clone(), bytes: file.bytes };
+        self.0.send(Reply { line: json!({ "ok": about }).to_string(), file: Some(file) }).ok();
+    }
+}
+
+impl Reply {
+    fn refused(why: &str) -> Self {
+        Self { line: json!({ "error": why }).to_string(), file: None }
+    }
+}
+
+/// The bytes of a file, as fast as they are taken; fewer than there are, if it cannot be read on.
+pub(crate) fn pieces(saved: Saved) -> mpsc::Receiver<Bytes> {
+    let (sender, pieces) = mpsc::channel(1);
+    std::thread::spawn(move || {
+        let mut file = saved.file.take(saved.bytes);
+        let mut piece = vec![0; PIECE];
+        while let Ok(read @ 1..) = file.read(&mut piece) {
+            if sender.blocking_send(Bytes::copy_from_slice(&piece[..read])).is_err() {
+                return;
+            }
+        }
+    });
+    pieces
 }
 
 /// The control socket of a rig that runs. Dropped, it is gone.
@@ -67,25 +107,30 @@ pub struct Asker(mpsc::Sender<Call>);
 
 impl Asker {
     /// Asks for something; rows that follow on the answer go to `rows`. None, if the rig has ended.
-    async fn begin(&self, request: Request, rows: &Rows) -> Option<oneshot::Receiver<String>> {
+    async fn begin(&self, request: Request, rows: &Rows) -> Option<oneshot::Receiver<Reply>> {
         let (answer, answered) = oneshot::channel();
         let call = Call { request, answer: Answer(answer), rows: rows.clone() };
         self.0.send(call).await.ok().map(|()| answered)
     }
 
-    /// Asks for something, and waits for the answer: a line of JSON, without its end.
-    pub async fn ask(&self, request: Request, rows: &Rows) -> String {
+    /// Asks for something, and waits for the answer.
+    async fn reply(&self, request: Request, rows: &Rows) -> Reply {
         match self.begin(request, rows).await {
-            Some(answered) => answered.await.unwrap_or_else(|_| refused(ENDED)),
-            None => refused(ENDED),
+            Some(answered) => answered.await.unwrap_or_else(|_| Reply::refused(ENDED)),
+            None => Reply::refused(ENDED),
         }
     }
 
+    /// Asks for something that no file follows on, and waits for the answer: a line of JSON, without its end.
+    pub async fn ask(&self, request: Request, rows: &Rows) -> String {
+        self.reply(request, rows).await.line
+    }
+
     /// The same for a line of JSON, which need not be a request.
-    pub async fn ask_line(&self, line: &str, rows: &Rows) -> String {
+    pub async fn ask_line(&self, line: &str, rows: &Rows) -> Reply {
         match request(line) {
-            Ok(request) => self.ask(request, rows).await,
-            Err(why) => refused(&why),
+            Ok(request) => self.reply(request, rows).await,
+            Err(why) => Reply::refused(&why),
         }
     }
 }
@@ -157,10 +202,6 @@ fn request(line: &str) -> Result<Request, String> {
     serde_json::from_str(line).map_err(|error| format!("expected a request: {error}"))
 }
 
-fn refused(why: &str) -> String {
-    json!({ "error": why }).to_string()
-}
-
 async fn serve(stream: UnixStream, asker: Asker) -> io::Result<()> {
     let (reading, mut writing) = stream.into_split();
     let mut lines = pin!(lines(reading));
@@ -187,10 +228,16 @@ async fn serve(stream: UnixStream, asker: Asker) -> io::Result<()> {
                         answered = &mut answered => break answered,
                     }
                 };
-                answered.unwrap_or_else(|_| refused(ENDED))
+                answered.unwrap_or_else(|_| Reply::refused(ENDED))
             }
-            Err(why) => refused(&why),
+            Err(why) => Reply::refused(&why),
         };
-        writing.write_all((answer + "\n").as_bytes()).await?;
+        writing.write_all((answer.line + "\n").as_bytes()).await?;
+        if let Some(file) = answer.file {
+            let mut pieces = pieces(file);
+            while let Some(piece) = pieces.recv().await {
+                writing.write_all(&piece).await?;
+            }
+        }
     }
 }

@@ -21,6 +21,7 @@ use crate::recorder::{RECORDED, Recorder, RecordingError};
 use crate::rig::file::RigFile;
 use crate::rig::{Driver, Incident, Rig};
 use crate::session::{ENDED, Happened, PC, Session, SessionError};
+use crate::spool::Spool;
 use gateway::Gateway;
 use player::{Player, Texts};
 use steering::{Steering, next_call};
@@ -126,6 +127,11 @@ impl Live {
     /// Keeps everything from the start, under this header. For a rig that does not run yet.
     pub fn keep(&mut self, header: Header) {
         self.session.keep(header);
+    }
+
+    /// Keeps everything from the start for whoever asks before the end. For a rig that does not run yet.
+    pub fn spool(&mut self, spool: Spool) {
+        self.session.spool(spool);
     }
 
     /// Somebody makes something of what has happened when it is over: every board is brought to the end.

@@ -9,11 +9,13 @@ use torno_protocol::time::Instant;
 use super::Live;
 use super::player::Player;
 use crate::control::{
-    Answer, Begun, BoardState, Call, Control, Done, FaultState, Form, PartState, Request, Rows, State,
+    Answer, Begun, BoardState, Call, Control, Done, FaultState, Form, KeptState, PartState, Request, Rows, State,
 };
 use crate::fault::{Planned, RawFault};
 use crate::pace::Pace;
-use crate::report::EventSummary;
+use crate::report::{EventSummary, FaultSummary};
+use crate::rig::file::RigFile;
+use crate::saving::{Product, Saving};
 use crate::session::{EndedBoard, SessionError};
 use torno_bus::{Ears, Names};
 use torno_engine::{Fact, Input};
@@ -201,6 +203,7 @@ impl Live {
                 self.settle(now).await?;
                 give(answer, self.part(now));
             }
+            Request::Save { what } => self.save(what, answer, now).await?,
             Request::Watch { lines, boards, kinds, form } => {
                 // What comes from then on is what happens from then on.
                 self.settle(now).await?;
@@ -293,6 +296,10 @@ impl Live {
             boards: self.session.nodes().into_iter().map(board).collect(),
             faults,
             program: self.program.as_ref().map(Player::state),
+            kept: self.session.spooled().map(|spool| {
+                let (bytes, of) = spool.size();
+                KeptState { bytes, of, until: spool.over().map(Instant::as_nanos) }
+            }),
         })
     }
 
@@ -306,6 +313,37 @@ impl Live {
             outline: outline(&turned.profile.radii(), WITHIN).iter().map(|corner| (corner.z, corner.x)).collect(),
             events: turned.happenings.iter().map(EventSummary::from).collect(),
         })
+    }
+
+    /// Makes something of what has happened so far. The rig goes on meanwhile.
+    async fn save(&mut self, product: Product, answer: Answer, now: Instant) -> Result<(), SessionError> {
+        let Some(Steering { header, .. }) = &self.steering else { return Ok(()) };
+        let (rig, text) = (header.rig.clone(), header.text.clone());
+        if let Err(why) =
+            RigFile::parse(&rig, &text).map_err(|error| error.to_string()).and_then(|rig| product.check(&rig))
+        {
+            give(answer, Err::<Done, _>(why));
+            return Ok(());
+        }
+        let until = self.session.earliest_end(now);
+        self.settle(until).await?;
+        let so_far = match self.session.so_far(until) {
+            Ok(Some(so_far)) => so_far,
+            Ok(None) => {
+                give(answer, Err::<Done, _>("nothing is kept: expected 'torno up' without '--keep 0'".to_owned()));
+                return Ok(());
+            }
+            Err(error) => {
+                give(answer, Err::<Done, _>(format!("what is kept cannot be read: {error}")));
+                return Ok(());
+            }
+        };
+        let saving = Saving { product, faults: FaultSummary::of(self.session.begun()), so_far };
+        std::thread::spawn(move || match saving.make(&rig) {
+            Ok(saved) => answer.hand(saving.so_far.until.as_nanos(), saved),
+            Err(why) => give(answer, Err::<Done, _>(why)),
+        });
+        Ok(())
     }
 
     /// Takes faults that begin by themselves, for a rig that does not run yet.

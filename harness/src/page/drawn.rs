@@ -11,6 +11,7 @@ use crate::fault::fault_kinds;
 use crate::report::physical::Physical;
 use crate::report::series::Places;
 use crate::rig::file::RigFile;
+use crate::saving::Product;
 use crate::speed::AxisSpeed;
 
 /// The rig.
@@ -27,6 +28,7 @@ pub(super) fn rig(file: &RigFile) -> Value {
         "charts": charts(file, &layout),
         "part": file.part.as_ref().map(|part| drawn_part(part, &layout)),
         "faults": fault_kinds(),
+        "saves": Product::ALL.into_iter().filter(|product| product.check(file).is_ok()).collect::<Vec<_>>(),
         "plays": file.pc.dialect.counts_characters() || file.pc.dialect.name() == Program::DIALECT,
     })
 }

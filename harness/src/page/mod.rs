@@ -13,9 +13,9 @@ use std::sync::Arc;
 use bytes::Bytes;
 use tokio::sync::mpsc::Receiver;
 use tokio::task::JoinHandle;
-use torno_page::{Behind, PageError, Server};
+use torno_page::{Answer, Behind, PageError, Server};
 
-use crate::control::{Asker, Rows};
+use crate::control::{Asker, Rows, pieces};
 use crate::rig::file::RigFile;
 use hub::Hub;
 
@@ -61,8 +61,14 @@ impl Drop for Page {
 }
 
 impl Behind for Rig {
-    async fn ask(&self, request: String) -> String {
-        self.asker.ask_line(&request, &Rows::nowhere()).await
+    async fn ask(&self, request: String) -> Answer {
+        let reply = self.asker.ask_line(&request, &Rows::nowhere()).await;
+        match reply.file {
+            Some(file) => {
+                Answer::File { name: file.name.clone(), media: file.media, bytes: file.bytes, pieces: pieces(file) }
+            }
+            None => Answer::Json(reply.line),
+        }
     }
 
     fn tell(&self) -> Receiver<Bytes> {

@@ -25,6 +25,8 @@ pub struct Writer<W> {
     settled: Instant,
     /// What has been written is good up to here.
     good: Instant,
+    /// So many bytes have been written.
+    written: u64,
 }
 
 impl<W: Write> Writer<W> {
@@ -42,12 +44,18 @@ impl<W: Write> Writer<W> {
         file.extend(&block);
         output.write_all(&file)?;
         let block = Vec::with_capacity(BLOCK + BLOCK / 4);
-        Ok(Self { output, block, number: 1, last: 0, settled: Instant::START, good: Instant::START })
+        let written = file.len() as u64;
+        Ok(Self { output, block, number: 1, last: 0, settled: Instant::START, good: Instant::START, written })
     }
 
     /// What it is written to.
     pub const fn output(&self) -> &W {
         &self.output
+    }
+
+    /// How many bytes have been written. What has been noted since is not among them.
+    pub const fn written(&self) -> u64 {
+        self.written
     }
 
     /// How far what has been written is good.
@@ -110,19 +118,36 @@ impl<W: Write> Writer<W> {
     /// Whatever writing gives.
     pub fn finish(&mut self, end: &End) -> io::Result<()> {
         self.flush()?;
-        self.block.resize(PREFIX, 0);
-        self.block.push(format::END);
-        self.block = postcard::to_extend(end, core::mem::take(&mut self.block)).map_err(io::Error::other)?;
-        self.write()?;
+        let block = self.end_block(end)?;
+        self.put(&block)?;
         self.output.flush()
     }
 
+    /// The block that would end the trace behind what has been written: with it, a copy of that is whole.
+    ///
+    /// # Errors
+    /// If there is too much in it.
+    pub fn end_block(&self, end: &End) -> io::Result<Vec<u8>> {
+        let mut block = vec![0; PREFIX];
+        block.push(format::END);
+        block = postcard::to_extend(end, block).map_err(io::Error::other)?;
+        seal(&mut block, self.number)?;
+        Ok(block)
+    }
+
     fn write(&mut self) -> io::Result<()> {
-        seal(&mut self.block, self.number)?;
-        self.number += 1;
-        self.output.write_all(&self.block)?;
-        self.block.clear();
+        let mut block = core::mem::take(&mut self.block);
+        seal(&mut block, self.number)?;
+        self.put(&block)?;
+        block.clear();
+        self.block = block;
         Ok(())
+    }
+
+    fn put(&mut self, block: &[u8]) -> io::Result<()> {
+        self.number += 1;
+        self.written += block.len() as u64;
+        self.output.write_all(block)
     }
 }
 
