@@ -37,6 +37,7 @@ mod part;
 mod pc_port;
 mod pins;
 mod plan;
+mod preview;
 mod processes;
 mod promise;
 mod recordings;

@@ -395,7 +395,10 @@ fn the_page_of_every_rig_has_room_at_every_width() {
         if !core::mem::replace(&mut said, true) {
             assert_eq!(browser.run(UNSAID), json!([]));
         }
+        let typed = "const it = document.getElementById('program-text'); it.dispatchEvent(new Event('input'));";
+        browser.run(&format!("document.getElementById('program-text').value = {}; {typed}", json!(program)));
         play_until(&up, program, seconds);
+        browser.wait_until("!!document.querySelector('#preview svg')");
         for (width, dark) in [(1440, false), (1000, true), (400, false), (400, true)] {
             browser.resize(width, dark);
             for language in ["es", "pl", "zh", "en"] {

@@ -25,6 +25,7 @@ pub mod pins;
 pub mod planning;
 pub mod platform;
 pub mod play;
+pub mod preview;
 #[cfg(target_os = "linux")]
 mod ready;
 pub mod recorder;

@@ -1,12 +1,15 @@
 //! What the planner of G-code has to know of a rig.
 
+use torno_gcode::{Dialect, Interpreter, Motion, Outcome, Place as Position, Severity};
 use torno_machines::axes;
 use torno_machines::workpiece::{Part, Source};
 use torno_part::{Place, Side as Surface};
-use torno_planner::{Scale, Settings, Side, Stock};
+use torno_planner::{Planned, Planner, Report, Scale, Settings, Side, Stock};
 use torno_protocol::lathe::Program;
 
+use crate::job::LineJob;
 use crate::rig::file::RigFile;
+use crate::toolpath::Asked;
 
 /// Why no program can be planned for a rig.
 #[derive(Debug, thiserror::Error)]
@@ -86,6 +89,120 @@ pub fn settings(file: &RigFile, start: Option<Place>, side: Side) -> Result<Sett
 /// The line that says to a controller where the tool stands at the start.
 pub fn first_line(at: Place) -> String {
     format!("G10 L20 P1 X{:.4} Z{:.4}\n", at.x, at.z)
+}
+
+/// G-code that has been planned.
+pub struct Plan {
+    /// Its frames. Good for nothing, if it is refused.
+    pub program: Program,
+    /// The path that it asks for.
+    pub asked: Asked,
+    /// What the planner says.
+    pub report: Report,
+    /// What the interpreter says.
+    pub outcome: Outcome,
+}
+
+impl Plan {
+    /// Plans the G-code in a text, in a dialect, or the one that its first lines look like.
+    pub fn new(text: &str, for_rig: Settings, dialect: Option<Dialect>) -> Self {
+        let at = for_rig.stock.as_ref().map_or(for_rig.start, |stock| stock.start);
+        let start = Position { x: for_rig.start.x, z: for_rig.start.z, ..Position::default() };
+        let settings = torno_gcode::Settings { dialect, start, home: start, ..torno_gcode::Settings::default() };
+        let mut asked = Asked::new(at, for_rig.start);
+        let mut planner = Planner::new(for_rig);
+        let mut interpreter = Interpreter::new(&settings);
+        let mut frames = Vec::new();
+        let mut note = |planner: &mut Planner| {
+            frames.extend(core::iter::from_fn(|| planner.poll()).map(|Planned { frame, .. }| frame.emit()));
+        };
+        let mut take = |motion: Motion| {
+            asked.take(&motion);
+            planner.take(&motion);
+            note(&mut planner);
+        };
+        interpreter.push(text.as_bytes(), &mut take);
+        let outcome = interpreter.finish(&mut take);
+        planner.finish();
+        note(&mut planner);
+        Self { program: Program { frames }, asked, report: planner.report(), outcome }
+    }
+
+    /// Whether it cannot be played.
+    pub fn is_refused(&self) -> bool {
+        self.outcome.is_refused() || self.report.refused
+    }
+
+    /// What is wrong with it, or strange, with its line.
+    fn findings(&self) -> Vec<String> {
+        let told = |line: usize, severity: Severity, message: &str| {
+            let word = if severity == Severity::Error { "" } else { "warning: " };
+            (line, format!("line {line}: {word}{message}"))
+        };
+        let found = self.outcome.findings.iter().map(|finding| told(finding.line, finding.severity, &finding.message));
+        let planned = self.report.findings.iter().map(|finding| told(finding.line, finding.severity, &finding.message));
+        let mut all: Vec<(usize, String)> = found.chain(planned).collect();
+        all.sort_by_key(|(line, _)| *line);
+        all.into_iter().map(|(_, text)| text).collect()
+    }
+}
+
+/// The text of a program, as a rig takes it.
+pub enum Text {
+    /// Frames.
+    Frames {
+        /// They.
+        program: Program,
+        /// The path that the G-code asks for of which they have been planned, if they have.
+        asked: Option<Asked>,
+        /// What is strange about it, with its line.
+        findings: Vec<String>,
+    },
+    /// Lines for a controller.
+    Lines {
+        /// They, with one before them that says where the tool stands.
+        job: LineJob,
+        /// The path that they ask for, if that is known.
+        asked: Option<Asked>,
+    },
+}
+
+impl Text {
+    /// Reads a program for a rig. Where the rig takes frames, G-code is planned.
+    ///
+    /// # Errors
+    /// What is wrong with it, for people: one thing a line.
+    pub fn read(file: &RigFile, text: &str) -> Result<Self, String> {
+        let dialect = file.pc.dialect;
+        let for_rig = settings(file, None, Side::default());
+        if dialect.counts_characters() {
+            let first = for_rig.as_ref().map_or_else(|_| String::new(), |for_rig| first_line(for_rig.start));
+            let plan = for_rig.ok().map(|for_rig| Plan::new(text, for_rig, Some(Dialect::LinuxCnc)));
+            // What the interpreter does not know, the controller may.
+            let asked = plan.filter(|plan| !plan.outcome.is_refused()).map(|plan| plan.asked);
+            return Ok(Self::Lines { job: LineJob::new(&first, text), asked });
+        }
+        if dialect.name() != Program::DIALECT {
+            let player = dialect.player_at_port().unwrap_or_else(|| dialect.player());
+            return Err(format!("no program is played on this rig from here: use '{player}' at its port"));
+        }
+        if !is_gcode(text) {
+            let program = Program::parse(text).map_err(|error| error.to_string())?;
+            return Ok(Self::Frames { program, asked: None, findings: Vec::new() });
+        }
+        let plan = Plan::new(text, for_rig.map_err(|error| error.to_string())?, None);
+        let findings = plan.findings();
+        if plan.is_refused() {
+            return Err(findings.join("\n"));
+        }
+        Ok(Self::Frames { program: plan.program, asked: Some(plan.asked), findings })
+    }
+}
+
+/// Whether a text is G-code rather than frames: it begins with neither a hexadecimal number nor a comment of theirs.
+fn is_gcode(text: &str) -> bool {
+    let first = text.trim_start_matches('\u{feff}').trim_start().chars().next();
+    first.is_some_and(|c| !c.is_ascii_hexdigit() && c != '#')
 }
 
 /// Whether all quantities of a source are about one motor of a board.

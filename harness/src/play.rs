@@ -51,6 +51,8 @@ pub struct Play<J = FrameJob> {
     pub keepers: Vec<NodeId>,
     /// It is given up when nothing of the program has been accepted for so long, in virtual time.
     pub patience: Span,
+    /// Whether nothing of it is logged: somebody is only to be shown what would come of it.
+    pub quiet: bool,
     /// Time goes no further at once, in virtual time. Nothing may depend on it: this is how that is proved.
     pub slice: Option<Span>,
 }
@@ -203,6 +205,7 @@ impl<J: Job> Play<J> {
             keep: None,
             keepers: Vec::new(),
             patience: PATIENCE,
+            quiet: false,
             slice: None,
         }
     }
@@ -226,7 +229,8 @@ impl<J: Job> Play<J> {
         interrupted: impl Future<Output = ()>,
     ) -> Result<Played<J>, SessionError> {
         let uart = self.file.pc.uart().with_program(self.job.program());
-        let mut session = Session::start(&self.file, &self.driver, uart).await?;
+        let session = Session::start(&self.file, &self.driver, uart).await?;
+        let mut session = if self.quiet { session.quiet() } else { session };
         if self.pace == Pace::Max {
             session.rig().share_one_processor();
         } else {

@@ -93,8 +93,9 @@ impl Picture<'_> {
         let whole = self.panel("x, mm (radius)", None).to_scale();
         let places = || self.asked.path.places(FINE).flatten().chain(self.stairs.iter().copied()).map(|place| place.z);
         let ends = (places().fold(f64::INFINITY, f64::min), places().fold(f64::NEG_INFINITY, f64::max));
-        let near = self.panel("x, mm (radius), stretched", Some(ends));
-        Figure { title: self.title.to_owned(), panels: vec![whole, near] }
+        // Where the tool goes nowhere, there is nothing to see closer.
+        let near = (ends.0 <= ends.1).then(|| self.panel("x, mm (radius), stretched", Some(ends)));
+        Figure { title: self.title.to_owned(), panels: core::iter::once(whole).chain(near).collect() }
     }
 
     /// All of it, or what lies between two places along the axis.
@@ -183,6 +184,8 @@ mod tests {
         let turned = part.asked(&program);
         let whole = Picture { stairs: &stairs, turned: Some(&turned), ..bare };
         assert_eq!(names(&whole), ["stock", "frames", "turned", "wanted", "rapid", "feed", "arc"]);
+        let still = Asked::new(asked.path.start, Place::default());
+        assert_eq!(Picture { asked: &still, ..bare }.figure().panels.len(), 1);
         // Below, nothing is drawn of what the tool does not come to.
         let near = &whole.figure().panels[1].series;
         assert!(near.iter().all(|series| series.points.iter().all(|(z, _)| z.is_nan() || *z >= -20.0)), "{near:?}");

@@ -30,6 +30,7 @@ assets! {
     SCRIPT "controls.js",
     SCRIPT "faults.js",
     SCRIPT "program.js",
+    SCRIPT "preview.js",
     SCRIPT "save.js",
     SCRIPT "machine.js",
     SCRIPT "lathe.js",

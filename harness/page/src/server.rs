@@ -28,8 +28,8 @@ use crate::token::Token;
 
 /// So many connections at once: a browser has up to six for each page. (Ours.)
 const CONNECTIONS: usize = 64;
-/// The longest request that is asked, in bytes: a program of some thousand lines. (Ours.)
-const ASKED_MAX: usize = 1 << 20;
+/// The longest request that is asked, in bytes: a program of 128 MiB, each character of which may be written as two.
+const ASKED_MAX: usize = 256 << 20;
 /// The longest head of a request, in bytes. (Ours.)
 const HEAD_MAX: usize = 16 << 10;
 /// A head must have come within this. (Ours.)
@@ -215,7 +215,7 @@ impl<B: Behind> Shared<B> {
                 Answer::Json(text) => answer(StatusCode::OK, "application/json", Body::text(text)),
                 Answer::File { name, media, bytes, pieces } => file(&name, media, bytes, pieces),
             },
-            Ok(None) => text(StatusCode::PAYLOAD_TOO_LARGE, "expected a request in UTF-8 of at most 1 MiB"),
+            Ok(None) => text(StatusCode::PAYLOAD_TOO_LARGE, "expected a request in UTF-8 of at most 256 MiB"),
             Err(_) => text(StatusCode::REQUEST_TIMEOUT, "expected the whole request sooner"),
         }
     }

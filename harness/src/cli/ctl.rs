@@ -71,6 +71,11 @@ enum Command {
         /// Virtual seconds per second, or 'max'
         pace: String,
     },
+    /// Looks at a program before it is played: what is wrong with it, and how long it takes
+    Preview {
+        /// The program's file
+        program: PathBuf,
+    },
     /// Plays a program at the PC's port: frames, or lines for a controller
     Play {
         /// The program's file
@@ -175,6 +180,7 @@ impl Command {
             Self::Resume => Request::Resume,
             Self::Step { span } => Request::Step { span: span.clone() },
             Self::Pace { pace } => Request::Pace { pace: pace.clone() },
+            Self::Preview { program } => Request::Preview { program: read_program(program)? },
             Self::Play { program } => Request::Play { program: read_program(program)? },
             Self::Stop => Request::Stop,
             Self::Save { what, .. } => Request::Save { what: *what },
@@ -203,6 +209,7 @@ impl Command {
                 Begun { name, since: Some(since) } => format!("fault '{name}' begins at {}\n", at(since)),
                 Begun { name, since: None } => format!("fault '{name}' lies in wait\n"),
             },
+            Self::Preview { program } => preview_text(&program.display().to_string(), &answer),
             Self::Save { file, .. } => {
                 let File { ns, bytes, .. } = serde_json::from_value(answer)?;
                 format!("'{}' holds what happened before {}: {bytes} bytes\n", file.display(), at(ns))
@@ -240,6 +247,7 @@ impl Arguments {
             let File { bytes, .. } = serde_json::from_value(answer["ok"].clone())?;
             receive(&mut answers, bytes, file)?;
         }
+        let is_refused = answer["ok"]["refused"] == true;
         let watches = matches!(self.command, Command::Watch(_));
         match answer.get_mut("ok").map(Value::take) {
             Some(ok) => {
@@ -251,7 +259,23 @@ impl Arguments {
         if watches {
             follow(answers)?;
         }
-        Ok(ExitCode::SUCCESS)
+        Ok(if is_refused { ExitCode::from(USAGE) } else { ExitCode::SUCCESS })
+    }
+}
+
+/// What is known of a program, for people.
+fn preview_text(name: &str, preview: &Value) -> String {
+    let problems = preview["problems"].as_array().into_iter().flatten().filter_map(Value::as_str);
+    let mut text: String = problems.map(|problem| format!("{name}: {problem}\n")).collect();
+    for event in preview["events"].as_array().into_iter().flatten() {
+        let place = (event["from_s"].as_f64(), event["z_mm"].as_f64());
+        let (event, (seconds, z)) = (event["event"].as_str().unwrap_or_default(), place);
+        text += &format!("{name}: {event} at {:.3} s, z = {:.2} mm\n", seconds.unwrap_or(0.0), z.unwrap_or(0.0));
+    }
+    text + &match (preview["refused"] == true, preview["seconds"].as_f64()) {
+        (true, _) => format!("{name} is refused\n"),
+        (false, Some(seconds)) => format!("{name} takes {seconds:.3} s\n"),
+        (false, None) => format!("{name} has not been rehearsed to its end\n"),
     }
 }
 

@@ -65,6 +65,12 @@ pub enum Request {
     },
     /// What has been made of the bar so far. Answered by a [`PartState`].
     Part,
+    /// A program is looked at before it is played: what is wrong with it, and its way. Answered by a
+    /// [`Preview`](crate::preview::Preview).
+    Preview {
+        /// The program's text.
+        program: String,
+    },
     /// A program is played at the PC's port, as a program outside would play it: frames as their files have them, or
     /// lines for a controller. Refused while a program outside has that port open. Answered by [`Done`].
     Play {

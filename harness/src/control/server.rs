@@ -15,7 +15,7 @@ use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinHandle;
 
 use super::backlog::{ROOM, Rows, backlog, lost};
-use super::lines::lines;
+use super::lines::{LINE_MAX, lines};
 use super::{File, Request};
 use crate::saving::Saved;
 use crate::socket::{OwnSocket, Purpose, SocketError};
@@ -204,7 +204,7 @@ fn request(line: &str) -> Result<Request, String> {
 
 async fn serve(stream: UnixStream, asker: Asker) -> io::Result<()> {
     let (reading, mut writing) = stream.into_split();
-    let mut lines = pin!(lines(reading));
+    let mut lines = pin!(lines(reading, LINE_MAX));
     let (rows, mut to_tell) = backlog(ROOM, lost);
     loop {
         let line = tokio::select! {

@@ -8,6 +8,7 @@ mod unread;
 
 use std::future::{Future, poll_fn};
 use std::io;
+use std::sync::{Arc, Mutex};
 use std::task::Poll;
 use std::time::Duration;
 
@@ -23,7 +24,7 @@ use crate::rig::{Driver, Incident, Rig};
 use crate::session::{ENDED, Happened, PC, Session, SessionError};
 use crate::spool::Spool;
 use gateway::Gateway;
-use player::{Player, Texts};
+use player::Player;
 use steering::{Steering, next_call};
 use tap::Taps;
 use torno_engine::{Limit, LineId, NodeId};
@@ -65,9 +66,12 @@ pub struct Live {
     incidents: Vec<Incident>,
     /// Something is made of it when it is over.
     is_whole: bool,
-    /// How programs that are played from here are read, and the last one.
-    texts: Texts,
+    /// What the rig is built of.
+    file: Arc<RigFile>,
+    /// The last program that was played from here.
     program: Option<Player>,
+    /// One program at a time is rehearsed.
+    rehearsal: Arc<Mutex<()>>,
     /// The way of the tool, if somebody wants to see the part.
     path: Option<ToolPath>,
 }
@@ -113,8 +117,9 @@ impl Live {
             asks_at_the_end: false,
             incidents: Vec::new(),
             is_whole: false,
-            texts: Texts::of(file),
+            file: Arc::new(file.clone()),
             program: None,
+            rehearsal: Arc::default(),
             path: None,
         })
     }
@@ -438,7 +443,7 @@ impl Live {
         if self.program.as_ref().is_some_and(Player::is_playing) {
             return Ok(Err("a program is played already: expected it to be stopped, or to end".to_owned()));
         }
-        let program = match self.texts.read(text) {
+        let program = match Player::read(&self.file, text) {
             Ok(program) => program,
             Err(why) => return Ok(Err(why)),
         };

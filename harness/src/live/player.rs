@@ -2,24 +2,14 @@
 
 use std::collections::VecDeque;
 
-use torno_bus::{Answer, Conversation, Dialect};
-use torno_planner::Side;
-use torno_protocol::lathe::Program;
+use torno_bus::{Answer, Conversation};
 use torno_protocol::time::Instant;
 
 use crate::control::ProgramState;
-use crate::job::{FrameJob, Job, LineJob};
-use crate::planning;
+use crate::job::{FrameJob, Job};
+use crate::planning::Text;
 use crate::rig::file::RigFile;
 use crate::session::{Exchange, INTERRUPTED};
-
-/// How the texts of programs are read for a rig.
-#[derive(Clone, Debug)]
-pub(super) struct Texts {
-    dialect: &'static dyn Dialect,
-    /// What says to a controller where the tool stands.
-    first: String,
-}
 
 /// A program that is played, or was.
 pub(super) struct Player {
@@ -43,32 +33,18 @@ struct Play<J: Job> {
     waiting: VecDeque<u8>,
 }
 
-impl Texts {
-    pub(super) fn of(file: &RigFile) -> Self {
-        let for_rig = planning::settings(file, None, Side::default());
-        let first = for_rig.map_or_else(|_| String::new(), |for_rig| planning::first_line(for_rig.start));
-        Self { dialect: file.pc.dialect, first }
-    }
-
-    /// Reads a program.
+impl Player {
+    /// Reads a program for a rig.
     ///
     /// # Errors
     /// What is wrong with it, for people.
-    pub(super) fn read(&self, text: &str) -> Result<Player, String> {
-        if self.dialect.counts_characters() {
-            let job = LineJob::new(&self.first, text);
-            return Ok(Player::new(job.total(), job));
-        }
-        if self.dialect.name() == Program::DIALECT {
-            let program = Program::parse(text).map_err(|error| error.to_string())?;
-            return Ok(Player::new(program.frames.len(), FrameJob::new(program)));
-        }
-        let player = self.dialect.player_at_port().unwrap_or_else(|| self.dialect.player());
-        Err(format!("no program is played on this rig from here: use '{player}' at its port"))
+    pub(super) fn read(file: &RigFile, text: &str) -> Result<Self, String> {
+        Ok(match Text::read(file, text)? {
+            Text::Lines { job, .. } => Self::new(job.total(), job),
+            Text::Frames { program, .. } => Self::new(program.frames.len(), FrameJob::new(program)),
+        })
     }
-}
 
-impl Player {
     fn new<J: Job + Send + 'static>(of: usize, job: J) -> Self {
         let (program, waiting) = (job.program(), job.first().into());
         Self { playing: Box::new(Play { job, program, waiting }), of, outcome: None }
@@ -147,8 +123,8 @@ impl<J: Job + Send> Playing for Play<J> {
 mod tests {
     use super::*;
 
-    fn texts(rig: &str) -> Texts {
-        Texts::of(&RigFile::load(rig).unwrap())
+    fn read(rig: &str, text: &str) -> Result<Player, String> {
+        Player::read(&RigFile::load(rig).unwrap(), text)
     }
 
     fn received(player: &mut Player, text: &str) {
@@ -157,7 +133,7 @@ mod tests {
 
     #[test]
     fn a_program_of_frames_is_written_at_once_and_given_up_after_a_failure() {
-        let mut player = texts("lathe").read("0A E1 00 E1 00 00 00 00\n00 00 00 00 00 00 00 00").unwrap();
+        let mut player = read("lathe", "0A E1 00 E1 00 00 00 00\n00 00 00 00 00 00 00 00").unwrap();
         assert_eq!((player.due().len(), player.due().len()), (16, 0));
         received(&mut player, "\u{6}\u{11}");
         assert_eq!((player.state().accepted, player.state().of, player.is_playing()), (1, 2, true));
@@ -167,7 +143,7 @@ mod tests {
 
     #[test]
     fn lines_go_when_the_controller_is_there_and_end_with_the_last_answer() {
-        let mut player = texts("lathe-grbl").read("G21\nM2\n").unwrap();
+        let mut player = read("lathe-grbl", "G21\nM2\n").unwrap();
         assert!(player.due().is_empty());
         received(&mut player, "\r\nGrbl 1.1h ['$' for help]\r\n");
         let first = String::from_utf8(player.due()).unwrap();
@@ -178,7 +154,8 @@ mod tests {
 
     #[test]
     fn what_is_no_program_is_refused_with_the_reason() {
-        assert!(texts("lathe").read("G1 X3").err().unwrap().contains("line 1"));
-        assert!(texts("servo").read("x1").err().unwrap().contains("torno servo"));
+        assert!(read("lathe", "0A E1").err().unwrap().contains("line 1"));
+        assert!(read("lathe", "G1 X3").err().unwrap().contains("line 1"));
+        assert!(read("servo", "x1").err().unwrap().contains("torno servo"));
     }
 }

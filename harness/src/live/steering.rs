@@ -1,5 +1,6 @@
 //! A live rig at its control socket: does what it is asked, and tells what happens to those who watch.
 
+use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
 use serde::Serialize;
@@ -13,8 +14,8 @@ use crate::control::{
 };
 use crate::fault::{Planned, RawFault};
 use crate::pace::Pace;
+use crate::preview::Preview;
 use crate::report::{EventSummary, FaultSummary};
-use crate::rig::file::RigFile;
 use crate::saving::{Product, Saving};
 use crate::session::{EndedBoard, SessionError};
 use torno_bus::{Ears, Names};
@@ -203,6 +204,7 @@ impl Live {
                 self.settle(now).await?;
                 give(answer, self.part(now));
             }
+            Request::Preview { program } => self.preview(program, answer),
             Request::Save { what } => self.save(what, answer, now).await?,
             Request::Watch { lines, boards, kinds, form } => {
                 // What comes from then on is what happens from then on.
@@ -315,16 +317,22 @@ impl Live {
         })
     }
 
+    /// Looks at a program that is not played yet. The rig goes on meanwhile.
+    fn preview(&self, program: String, answer: Answer) {
+        let (file, rehearsal) = (Arc::clone(&self.file), Arc::clone(&self.rehearsal));
+        std::thread::spawn(move || {
+            let _one = rehearsal.lock().unwrap_or_else(PoisonError::into_inner);
+            give(answer, Ok(Preview::of(&file, &program)));
+        });
+    }
+
     /// Makes something of what has happened so far. The rig goes on meanwhile.
     async fn save(&mut self, product: Product, answer: Answer, now: Instant) -> Result<(), SessionError> {
-        let Some(Steering { header, .. }) = &self.steering else { return Ok(()) };
-        let (rig, text) = (header.rig.clone(), header.text.clone());
-        if let Err(why) =
-            RigFile::parse(&rig, &text).map_err(|error| error.to_string()).and_then(|rig| product.check(&rig))
-        {
+        if let Err(why) = product.check(&self.file) {
             give(answer, Err::<Done, _>(why));
             return Ok(());
         }
+        let rig = self.file.name.clone();
         let until = self.session.earliest_end(now);
         self.settle(until).await?;
         let so_far = match self.session.so_far(until) {

@@ -29,6 +29,7 @@ pub(super) fn rig(file: &RigFile) -> Value {
         "part": file.part.as_ref().map(|part| drawn_part(part, &layout)),
         "faults": fault_kinds(),
         "saves": Product::ALL.into_iter().filter(|product| product.check(file).is_ok()).collect::<Vec<_>>(),
+        "player": file.pc.dialect.player_at_port(),
         "plays": file.pc.dialect.counts_characters() || file.pc.dialect.name() == Program::DIALECT,
     })
 }

@@ -12,7 +12,7 @@ use torno::play::{Ended, Play, Played};
 use torno::report::Bar;
 use torno::rig::Driver;
 use torno::rig::file::{DEFAULT, RigFile};
-use torno_gcode::{Dialect, Finding, Interpreter, Motion, Outcome, Place, Settings, Severity};
+use torno_gcode::{Dialect, Finding, Motion, Outcome, Place, Settings, Severity};
 use torno_part::{Place as InPlane, Profile};
 use torno_planner::{Planned, Planner, Report, Side};
 use torno_protocol::lathe::Program;
@@ -111,21 +111,9 @@ pub(in crate::cli) fn load(path: &Path, file: &RigFile, at: Option<InPlane>) -> 
 
 /// What lines for a controller ask for on a rig: the bar, as their path cuts it. None, if they cannot be planned.
 pub(in crate::cli) fn asked(text: &str, for_rig: torno_planner::Settings) -> Option<Profile> {
-    let start = in_space(for_rig.start);
-    let settings = Settings { dialect: Some(Dialect::LinuxCnc), start, home: start, ..Settings::default() };
-    let mut planner = Planner::new(for_rig);
-    let mut interpreter = Interpreter::new(&settings);
-    let mut take = |motion| {
-        planner.take(&motion);
-        while planner.poll().is_some() {}
-    };
-    interpreter.push(text.as_bytes(), &mut take);
-    let outcome = interpreter.finish(&mut take);
-    planner.finish();
-    while planner.poll().is_some() {}
-    let report = planner.report();
-    let profile = report.stock.filter(|_| !report.refused)?.profile;
-    (!outcome.is_refused()).then_some(profile)
+    let plan = planning::Plan::new(text, for_rig, Some(Dialect::LinuxCnc));
+    let is_refused = plan.is_refused();
+    plan.report.stock.filter(|_| !is_refused).map(|stock| stock.profile)
 }
 
 /// What a program calls the place where the tool is at the start, as an option says it.
