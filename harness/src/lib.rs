@@ -21,6 +21,7 @@ pub mod observe;
 pub mod pace;
 #[cfg(target_os = "linux")]
 pub mod page;
+pub mod physical;
 pub mod pins;
 pub mod planning;
 pub mod platform;

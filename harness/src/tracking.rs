@@ -9,9 +9,9 @@ use torno_protocol::board::{Description, Role};
 use torno_protocol::time::{Instant, Span};
 use torno_trace::Trace;
 
+use crate::physical::{MILLION, UNITS};
 use crate::pins::{PinsError, heard};
 use crate::replay::{actions, rig_of};
-use crate::report::physical::{MILLION, UNITS};
 
 /// At most so many looks: a picture has 960 points across.
 const LOOKS: u64 = 20_000;

@@ -8,7 +8,7 @@ use torno_protocol::lathe::Program;
 use torno_protocol::layout::{BoardLayout, Layout};
 
 use crate::fault::fault_kinds;
-use crate::report::physical::Physical;
+use crate::physical::Physical;
 use crate::report::series::Places;
 use crate::rig::file::RigFile;
 use crate::saving::Product;

@@ -6,7 +6,6 @@ pub mod drawing;
 mod loops;
 pub mod page;
 mod part;
-pub mod physical;
 mod progress;
 mod readout;
 pub mod series;

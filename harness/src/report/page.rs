@@ -5,10 +5,10 @@ use std::fmt::{self, Display, Write};
 use torno_plot::{Chart, Row, Series, Style, escaped};
 
 use super::part::sizes;
-use super::physical::Physical;
 use super::series::{Course, Courses, Motion, decimated, lasting};
 use super::timeline::{Bus, BusMessage, PC_HELD};
 use super::{Cut, FaultSummary, Shares, Stats, Summary};
+use crate::physical::Physical;
 use crate::session::INTERRUPTED;
 use crate::speed::with_speeds;
 use torno_trace::Trace;

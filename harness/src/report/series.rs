@@ -3,7 +3,7 @@
 use torno_protocol::board::{Description, Role, Signal};
 use torno_protocol::time::Instant;
 
-use super::physical::{Physical, board};
+use crate::physical::{Physical, board};
 use crate::rig::file::{Board, RigFile};
 use torno_engine::Fact;
 use torno_protocol::layout::BoardLayout;
