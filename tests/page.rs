@@ -334,13 +334,19 @@ fn what_a_program_outside_has_made_is_drawn_reported_and_dumped_at_the_end() {
     assert!(drawing.contains("Ø24."), "{drawing}");
     let html = read(&report);
     assert!(html.contains("<section id=\"part\">") && html.contains("24."), "{}", html.len());
+    assert!(html.contains("<title>a live session on lathe</title>"), "{}", &html[..600]);
     assert!(html.contains("<dd class=\"\">ended</dd>") && html.contains("id=\"figure-outcome\">ended<"));
     assert!(read(&vcd).contains("pc_to_master"));
     // The same from its recording.
     let again = path("again.html");
     assert!(output(&["trace", &trace, "--report", &again]).status.success());
-    let section =
-        |html: &str| html.split("<section id=\"part\">").nth(1).unwrap().split("</section>").next().map(str::len);
+    assert!(read(&again).contains("<title>the recording a.torno on lathe</title>"));
+    let drawn = output(&["trace", &trace, "--part", "-"]);
+    assert_eq!(String::from_utf8(drawn.stdout).unwrap(), drawing);
+    let section = |html: &str| {
+        let section = html.split("<section id=\"part\">").nth(1).and_then(|rest| rest.split("</section>").next());
+        section.unwrap().replace("the recording a.torno", "a live session")
+    };
     assert_eq!(section(&read(&again)), section(&html));
     let none = output(&["up", "servo", "--part", &part]);
     assert!(String::from_utf8(none.stderr).unwrap().contains("--part: the rig 'servo' turns no part"));

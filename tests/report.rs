@@ -144,6 +144,26 @@ fn a_report_is_in_units_for_people_and_names_what_was_done_to_the_rig() {
 }
 
 #[test]
+fn a_servo_run_is_reported_with_its_gains_and_its_error() {
+    let folder = folder();
+    let program = write(folder.path(), "ramps", "p0 k10 x5\nx30 t3\np10 k0 x5\nx0 t0.5\ne\n");
+    let path = folder.path().join("a.html");
+    let run = ["servo", "run", &program, "--kx", "20", "--kv", "0", "--json", "--report", path.to_str().unwrap()];
+    let told = json(&output(&run));
+    let html = fs::read_to_string(path).unwrap();
+    assert_eq!(figure(&html, "gains"), "Kx 20, Kv 0");
+    let greatest = told["greatest_error_counts"].as_i64().unwrap();
+    assert_eq!(figure(&html, "greatest-error"), format!("{:.3} mm, {greatest} counts", greatest as f64 / 125.0));
+    let drive = row(&html, "motors", "servo").pop().unwrap();
+    let percent: i64 = drive.strip_suffix(" %").unwrap().parse().unwrap();
+    assert!((50..=100).contains(&percent), "{drive}");
+    // Kinds of messages, not their numbers, and not the first word of a phrase.
+    let said = row(&html, "lines", "servo → pc").pop().unwrap();
+    assert_eq!(said, "2 × the controller is there, 1 × Kx is, 1 × Kv is, 1100 × following error");
+    assert!(row(&html, "lines", "pc → servo").pop().unwrap().contains("1 × run"));
+}
+
+#[test]
 fn any_rig_has_a_report_and_names_do_not_break_it() {
     let folder = folder();
     let text = include_str!("../harness/builtin/lathe.toml");
@@ -158,7 +178,7 @@ fn any_rig_has_a_report_and_names_do_not_break_it() {
     );
     // Nothing has happened, and no one has written down how it ended.
     let trace = Trace::new(RigFile::load("lathe").unwrap().header("lathe", 0, None));
-    let html = Page { trace: &trace, summary: None, cut: None, faults: &[] }.html();
+    let html = Page { trace: &trace, title: "a recording", summary: None, cut: None, faults: &[], facts: &[] }.html();
     assert!(html.contains("not ended") && html.contains("a recording") && !html.contains("NaN"));
 }
 

@@ -43,13 +43,11 @@ impl Physical {
 
     /// The unit for the drive of a board's motor: V, or a share of the fullest. None, if nobody knows that.
     pub fn of_drive(board: &Board, motor: u8) -> Option<Self> {
-        let (full, lsb) = kinds::motor(&board.kind, &board.settings, motor).ok()?.ok().map(|motor| {
-            let volts = (motor.input_unit == "V").then_some(motor.full.0);
-            (volts, motor.full.1 as f64)
-        })?;
-        Some(match full {
-            Some(volts) => Self { unit: "V", worth: volts / lsb, digits: 2, is_counted: false },
-            None => Self { unit: "%", worth: 100.0 / lsb, digits: 0, is_counted: false },
+        let (full, volts) = kinds::full_drive(&board.kind, &board.settings, motor).ok()??;
+        let full = full as f64;
+        Some(match volts {
+            Some(volts) => Self { unit: "V", worth: volts / full, digits: 2, is_counted: false },
+            None => Self { unit: "%", worth: 100.0 / full, digits: 0, is_counted: false },
         })
     }
 

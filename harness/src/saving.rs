@@ -16,6 +16,7 @@ use crate::platform::owner_only;
 use crate::report::page::Page;
 use crate::report::{Cut, FaultSummary};
 use crate::rig::file::RigFile;
+use crate::servo::report::facts;
 use crate::spool::{SoFar, nameless};
 use crate::tracking::{Tracking, has_axes};
 
@@ -125,9 +126,7 @@ impl Saving {
         match self.product {
             Product::Recording => {}
             Product::Report => {
-                to.write_all(
-                    Page { trace, summary: None, cut: cut().as_ref(), faults: &self.faults }.html().as_bytes(),
-                )?;
+                to.write_all(report(trace, cut().as_ref(), &self.faults).as_bytes())?;
             }
             Product::Part => {
                 let drawing = cut().map(|cut| cut.draw(&trace.header.rig, SESSION));
@@ -143,6 +142,11 @@ impl Saving {
         }
         Ok(to.flush()?)
     }
+}
+
+/// The report of a session (HTML).
+pub fn report(trace: &Trace, cut: Option<&Cut>, faults: &[FaultSummary]) -> String {
+    Page { trace, title: SESSION, summary: None, cut, faults, facts: &facts(trace) }.html()
 }
 
 /// A file for what was made, which no one but its owner can read if it is new.

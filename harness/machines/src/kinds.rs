@@ -17,7 +17,7 @@ use torno_slaves::Slide;
 use torno_text::{Complaint, of_toml};
 
 use crate::MACHINES;
-use crate::motor::{OnBench, Rehearsal};
+use crate::motor::{Motor, OnBench, Rehearsal};
 
 /// A board's settings, as part of the text that they were read from.
 pub type Settings<'a> = Spanned<DeValue<'a>>;
@@ -37,6 +37,9 @@ pub struct Kind {
     pub(crate) motor: fn(&Settings<'_>, u8) -> Result<OnBench, Complaint>,
     /// What the law of the motor at this place does, if it has one that firmware could do, too.
     pub(crate) rehearsal: fn(&Settings<'_>, u8) -> Result<Option<Rehearsal>, Complaint>,
+    /// The fullest drive of a motor that cannot be driven freely, in the unit of telemetry's `drive`; None if it has
+    /// none.
+    pub(crate) full_drive: fn(&Settings<'_>, u8) -> Result<Option<i64>, Complaint>,
     /// The carriage of the motor at this place among such a board's; None if it moves none.
     pub(crate) carriage: fn(&Settings<'_>, u8) -> Result<Option<Carriage>, Complaint>,
 }
@@ -175,6 +178,21 @@ pub fn carriage(kind: &str, settings: &str, motor: u8) -> Result<Option<Carriage
     with(kind, settings, |found, settings| (found.carriage)(settings, motor))
 }
 
+/// The fullest drive of the motor at this place, in the unit of telemetry's `drive`, and in V, if that is known. None
+/// if no one knows it.
+///
+/// # Errors
+/// [`KindError`] if there is no such kind, or its settings are wrong.
+pub fn full_drive(kind: &str, settings: &str, motor: u8) -> Result<Option<(i64, Option<f64>)>, KindError> {
+    with(kind, settings, |found, settings| {
+        let of_motor = |motor: Motor| (motor.full.1, (motor.input_unit == "V").then_some(motor.full.0));
+        match (found.motor)(settings, motor)? {
+            Ok(motor) => Ok(Some(of_motor(motor))),
+            Err(_) => Ok((found.full_drive)(settings, motor)?.map(|full| (full, None))),
+        }
+    })
+}
+
 /// What the law of the motor at this place does on a board of that kind with these settings (TOML); None if it has no
 /// law in its working form.
 ///
@@ -308,6 +326,8 @@ mod tests {
                     continue;
                 }
                 assert!(is_told(Role::Drive), "{kind} {}", named.name);
+                let full = full_drive(kind, "", motor).unwrap();
+                assert!(full.is_some_and(|(full, _)| full > 0), "{kind} {}: {full:?}", named.name);
                 let at = [Role::Position, Role::Speed].map(|role| description.signal(motor, role, Some("counts")));
                 let is_axis = named.capabilities.contains(&Capability::Axis);
                 assert_eq!(at.map(|place| place.is_some()), [is_axis, !is_axis], "{kind} {}", named.name);

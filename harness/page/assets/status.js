@@ -17,6 +17,8 @@ export class Status {
 
   begin() {
     this.#cells = [];
+    // New cells are filled at once.
+    this.#drawn = 0;
     find("tables").replaceChildren(...this.#model.rig.boards.map((board) => this.#table(board)));
   }
 

@@ -230,9 +230,9 @@ impl Arguments {
         let (part, trace) = (cut.as_ref().map(|cut| cut.summary.clone()), played.trace.take());
         let summary = Summary { part, ..summary(played, rig, program_name, seed, started) };
         if let (Some(file), Some(trace)) = (report, trace) {
-            file.write(
-                Page { trace: &trace, summary: Some(&summary), cut: cut.as_ref(), faults: &summary.faults }.html(),
-            )?;
+            let (title, faults) = (&summary.program, &summary.faults);
+            let summary = Some(&summary);
+            file.write(Page { trace: &trace, title, summary, cut: cut.as_ref(), faults, facts: &[] }.html())?;
         }
         print_beside(
             &[&self.vcd, &self.part, &self.profile, &self.path, &self.report],

@@ -8,14 +8,15 @@ use anyhow::Context;
 use torno::pins::pins;
 use torno::report::Cut;
 use torno::report::page::Page;
-use torno::saving::write_waveforms;
+use torno::saving::{SESSION, write_waveforms};
+use torno::servo::report::facts;
 use torno::speed::with_speeds;
 use torno_protocol::time::Instant;
 use torno_trace::Timescale;
 use torno_trace::analyser::rows;
 use torno_trace::rows::{CSV_HEADER, Filter, Row, Wanted};
 
-use super::options::{time, timescale};
+use super::options::{drawing, time, timescale};
 use super::{OutputFile, USAGE, colour, load_trace, write_file};
 
 #[derive(Debug, clap::Args)]
@@ -43,6 +44,10 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "FILE",
           conflicts_with_all = ["vcd", "csv", "json", "from", "to", "line", "board", "kind"])]
     report: Option<PathBuf>,
+    /// Draws the part that was turned into this file (SVG); '-' is standard output; prints nothing
+    #[arg(long, value_name = "FILE", value_parser = drawing,
+          conflicts_with_all = ["report", "vcd", "csv", "json", "from", "to", "line", "board", "kind"])]
+    part: Option<PathBuf>,
     /// Prints telemetry as comma-separated values, one row a change
     #[arg(long, conflicts_with_all = ["json", "kind", "line"])]
     csv: bool,
@@ -77,8 +82,17 @@ impl Arguments {
             let file = OutputFile::create(path)?;
             file.write_by(|file| write_waveforms(&trace, pins, self.vcd_step, file))?;
         } else if let Some(path) = &self.report {
-            let page = Page { trace: &trace, summary: None, cut: Cut::of(&trace).as_ref(), faults: &[] }.html();
-            write_file(path, page)?;
+            let name = self.file.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+            let title = &format!("the recording {name}");
+            let cut = Cut::of(&trace);
+            let page =
+                Page { trace: &trace, title, summary: None, cut: cut.as_ref(), faults: &[], facts: &facts(&trace) };
+            write_file(path, page.html())?;
+        } else if let Some(path) = &self.part {
+            let none =
+                || format!("--part: the rig '{}' turns no part: expected a [part] in its file", trace.header.rig);
+            let program = trace.header.program.as_deref().unwrap_or(SESSION);
+            write_file(path, Cut::of(&trace).with_context(none)?.draw(&trace.header.rig, program))?;
         } else {
             let (kinds, csv) = if self.csv { (vec!["telemetry".to_owned()], true) } else { (self.shown.kind, false) };
             let from = self.from.unwrap_or(Instant::START);

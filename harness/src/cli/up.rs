@@ -15,11 +15,10 @@ use torno::fault::{self, FaultFile};
 use torno::kept::KeptFile;
 use torno::live::{Left, Live};
 use torno::pace::Pace;
-use torno::report::page::Page;
 use torno::report::{Cut, FaultSummary};
 use torno::rig::ProcessChange;
 use torno::rig::file::{DEFAULT, RigFile};
-use torno::saving::{SESSION, write_waveforms};
+use torno::saving::{SESSION, report, write_waveforms};
 use torno::scenario::seed_text;
 use torno::session::ENDED;
 use torno::spool::Spool;
@@ -227,7 +226,7 @@ impl Made<'_> {
         let Some(trace) = &left.trace else { return Ok(()) };
         if let Some(file) = self.report {
             let faults = &FaultSummary::of(&left.begun);
-            file.write(Page { trace, summary: None, cut: cut.as_ref(), faults }.html())?;
+            file.write(report(trace, cut.as_ref(), faults))?;
         }
         if let Some(file) = self.vcd {
             file.write_by(|file| write_waveforms(trace, Vec::new(), Timescale::MICROSECOND, file))?;

@@ -147,6 +147,9 @@ mod tests {
         let feed = &lathe["charts"][1];
         assert!((feed["physical"]["worth"].as_f64().unwrap() - 1.0 / 450.0).abs() < 1e-9);
         assert_eq!((&feed["speed_in"]["unit"], &feed["drive_in"]["unit"]), (&json!("mm/s"), &json!("%")));
+        let servo = rig(&RigFile::load("servo").unwrap());
+        let drive = &servo["charts"][0]["drive_in"];
+        assert_eq!((&drive["unit"], drive["worth"].as_f64().unwrap() * 127.0), (&json!("%"), 100.0));
         let engraver = rig(&RigFile::load("engraver").unwrap());
         let units = engraver["charts"].as_array().unwrap().iter().map(|chart| &chart["physical"]["unit"]);
         assert_eq!(units.collect::<Vec<_>>(), ["mm", "mm", "mm", "deg"]);

@@ -29,12 +29,16 @@ const LISTED: usize = 2_000;
 pub struct Page<'a> {
     /// What happened.
     pub trace: &'a Trace,
+    /// What it is called where no program has given it its name.
+    pub title: &'a str,
     /// What is told at the end of a run; None of a recording.
     pub summary: Option<&'a Summary>,
     /// The part, if one was turned.
     pub cut: Option<&'a Cut>,
     /// The faults that have begun, by their names, which no recording has.
     pub faults: &'a [FaultSummary],
+    /// What else there is to say of it: names and values.
+    pub facts: &'a [(&'static str, String)],
 }
 
 impl Page<'_> {
@@ -59,7 +63,7 @@ impl Page<'_> {
     }
 
     fn program(&self) -> &str {
-        self.trace.header.program.as_deref().unwrap_or("a recording")
+        self.trace.header.program.as_deref().unwrap_or(self.title)
     }
 
     fn write(&self, html: &mut String, motions: &[Motion], charts: &[String], bus: &Bus<'_>) -> fmt::Result {
@@ -184,6 +188,9 @@ impl Page<'_> {
             let times = format!("{seconds:.1} s in all, {times} times");
             card("the PC was held", "", &percent(seconds, self.until()), &times)?;
         }
+        for (name, value) in self.facts {
+            card(name, "", value, "")?;
+        }
         if let Some((cut, worst)) = self.cut.and_then(|cut| Some((cut, cut.summary.worst?))) {
             let value =
                 if worst.diameter_mm == 0.0 { "none".to_owned() } else { format!("{:+.2} mm", worst.diameter_mm) };
@@ -295,6 +302,9 @@ impl Page<'_> {
             }
             row("wall", "wall time", &format_args!("{wall_s:.3} s"))?;
         }
+        for (name, value) in self.facts {
+            row(&slug(name), name, value)?;
+        }
         row("virtual", "virtual time", &format_args!("{:.6} s", self.until()))?;
         if let Some(cut) = self.cut {
             row("turned", "turned, diameter × length", &sizes(&cut.summary.cylinders, "×"))?;
@@ -370,9 +380,9 @@ impl Page<'_> {
             let used = percent(count as f64 * bus.character_s(*line), self.until());
             let mut words: Vec<(&str, usize)> = Vec::new();
             for said in bus.messages.iter().filter(|said| said.line == *line) {
-                match words.iter_mut().find(|(word, _)| *word == said.word()) {
+                match words.iter_mut().find(|(word, _)| *word == said.kind()) {
                     Some((_, count)) => *count += 1,
-                    None => words.push((said.word(), 1)),
+                    None => words.push((said.kind(), 1)),
                 }
             }
             // Where each message is another, those that come most often are enough.

@@ -19,6 +19,8 @@ use torno_trace::rows::{Filter, Kind, RowPlace, Wanted};
 const MOST: u64 = 8_000;
 /// So many texts of a column are told.
 const TOLD: usize = 8;
+/// The kind of a message has so many words at the most.
+const WORDS: usize = 4;
 /// The name of the state in which `XOFF` holds the PC.
 pub(super) const PC_HELD: &str = "PC held";
 /// A silence of so many seconds ends what is shown close up; no more than so many are.
@@ -48,9 +50,13 @@ impl BusMessage {
         }
     }
 
-    /// The first word.
-    pub(super) fn word(&self) -> &str {
-        self.text.split([':', ' ']).next().unwrap_or_default()
+    /// What kind of message it is: the words before a colon or a number, or the first one.
+    pub(super) fn kind(&self) -> &str {
+        let head = self.text.split(':').next().unwrap_or_default();
+        let is_number = |word: &&str| word.contains(|c: char| c.is_ascii_digit());
+        let length = head.split(' ').take(WORDS).take_while(|word| !is_number(word)).map(|word| word.len() + 1).sum();
+        let first = || head.split(' ').next().unwrap_or_default();
+        head.get(..usize::saturating_sub(length, 1)).filter(|kind| !kind.is_empty()).unwrap_or_else(first)
     }
 }
 
@@ -286,7 +292,7 @@ impl<'a> Bus<'a> {
                 );
                 if width > 17.0 {
                     let middle = from + width / 2.0;
-                    let _ = write!(data, "<text x=\"{middle:.1}\" y=\"36\">{}</text>", escaped(said.word()));
+                    let _ = write!(data, "<text x=\"{middle:.1}\" y=\"36\">{}</text>", escaped(said.kind()));
                 }
                 let _ = write!(data, "<title>{}</title></g>", escaped(&said.text));
             }

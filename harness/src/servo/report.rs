@@ -6,13 +6,19 @@ use serde_json::{Value, json};
 use torno_servo::{Program, TICKS_PER_S};
 
 use super::controller::{Ended, Sample};
-use torno_trace::End;
+use torno_trace::{End, Trace};
 
+use crate::physical::{Physical, board};
+use crate::report::series::Courses;
+use crate::rig::file::RigFile;
 use crate::session::{EndedBoard, INTERRUPTED};
 use torno_plot::{Figure, Panel, Series, Style};
 
 /// Samples of the window in which Servo v1.0 shows the following error: 4 s (§3.1).
 pub const WINDOW: usize = 800;
+
+/// The kind of the stand's board.
+const STAND: &str = "servo";
 
 /// A run, as far as it went.
 #[derive(Clone, Debug)]
@@ -174,6 +180,26 @@ impl Report {
             ],
         }
     }
+}
+
+/// What a report says of the stands in a trace beside what each motor has done: the gains at the end, and the greatest
+/// following error. Nothing, if there is no stand.
+pub fn facts(trace: &Trace) -> Vec<(&'static str, String)> {
+    let courses = Courses::new(trace);
+    let file = RigFile::parse(&trace.header.rig, &trace.header.text).ok();
+    let mut facts = Vec::new();
+    for (node, of) in trace.header.layout.boards.iter().enumerate().filter(|(_, of)| of.kind == STAND) {
+        let place = |name: &str| of.description.signals.iter().position(|signal| signal.name == name);
+        let course = |name: &str| courses.of(node, place(name)?);
+        let last = |name: &str| course(name).and_then(|course| course.last()).map_or(0, |(_, value)| *value);
+        facts.push(("gains", format!("Kx {}, Kv {}", last("kx"), last("kv"))));
+        let errors = course("error_counts").into_iter().flatten().map(|(_, error)| *error);
+        let greatest = errors.max_by_key(|error| error.abs()).unwrap_or(0);
+        let physical = board(file.as_ref(), node).and_then(|board| Physical::of_position(board, 0, "counts"));
+        let mm = physical.map_or_else(String::new, |physical| format!("{}, ", physical.text(greatest as f64)));
+        facts.push(("greatest error", format!("{mm}{greatest} counts")));
+    }
+    facts
 }
 
 /// The graph of a program: way over time (§3.1, "t-s").

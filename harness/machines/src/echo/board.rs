@@ -19,6 +19,7 @@ pub(super) const KIND: Kind = Kind {
     build: |settings, clock| Ok(boxed(EchoBoard::new(&read(settings, EchoSettings::check)?, clock))),
     motor: |settings, _| read(settings, EchoSettings::check).map(|_| Err(NO_MOTOR)),
     rehearsal: |_, _| Ok(None),
+    full_drive: |_, _| Ok(None),
     carriage: |settings, _| read(settings, EchoSettings::check).map(|_| None),
 };
 

@@ -17,6 +17,7 @@ pub(super) const KIND: Kind = Kind {
     build: |settings, clock| Ok(boxed(engraver(&read(settings, EngraverSettings::check)?, clock))),
     motor: |settings, _| read(settings, EngraverSettings::check).map(|_| Err(STEPPERS)),
     rehearsal: |_, _| Ok(None),
+    full_drive: |_, _| Ok(None),
     carriage: |settings, motor| {
         let settings = read(settings, EngraverSettings::check)?;
         let carriage = || {

@@ -14,6 +14,7 @@ pub(super) const KIND: Kind = Kind {
     build: |settings, clock| Ok(boxed(Grbl::new(&read(settings, GrblSettings::check)?, clock))),
     motor: |settings, _| read(settings, GrblSettings::check).map(|_| Err(NO_MOTOR)),
     rehearsal: |_, _| Ok(None),
+    full_drive: |_, _| Ok(None),
     carriage: |settings, _| read(settings, GrblSettings::check).map(|_| None),
 };
 

@@ -19,6 +19,7 @@ pub(super) const KINDS: [Kind; 5] = [
         build: |settings, clock| Ok(boxed(Master::new(&read(settings, MasterSettings::check)?, clock))),
         motor: |settings, _| read(settings, MasterSettings::check).map(|_| Err(NO_MOTOR)),
         rehearsal: |_, _| Ok(None),
+        full_drive: |_, _| Ok(None),
         carriage: |settings, _| read(settings, MasterSettings::check).map(|_| None),
     },
     Kind {
@@ -30,6 +31,7 @@ pub(super) const KINDS: [Kind; 5] = [
             Ok(if motor == 0 { Ok(spindle(&settings)) } else { Err(NO_MOTOR) })
         },
         rehearsal: |settings, _| Ok(Rehearsal::of_speed(&read(settings, SpindleSettings::check)?)),
+        full_drive: |_, _| Ok(None),
         carriage: |settings, _| read(settings, SpindleSettings::check).map(|_| None),
     },
     Kind {
@@ -41,6 +43,7 @@ pub(super) const KINDS: [Kind; 5] = [
             Ok(if motor == 0 { Ok(transverse(&settings)) } else { Err(NO_MOTOR) })
         },
         rehearsal: |settings, _| Ok(Rehearsal::of_feed(&read(settings, TransverseSettings::check)?)),
+        full_drive: |_, _| Ok(None),
         carriage: |settings, motor| {
             let settings = read(settings, TransverseSettings::check)?;
             Ok((motor == 0).then(|| feed(&settings)))
@@ -55,6 +58,7 @@ pub(super) const KINDS: [Kind; 5] = [
             Ok(if motor == 0 { Ok(depth(&settings)) } else { Err(NO_MOTOR) })
         },
         rehearsal: |_, _| Ok(None),
+        full_drive: |_, _| Ok(None),
         carriage: |settings, motor| {
             let settings = read(settings, DepthSettings::check)?;
             Ok((motor == 0).then(|| infeed(&settings)))
@@ -81,6 +85,7 @@ pub(super) const KINDS: [Kind; 5] = [
                 Some(Slave::Depth) | None => None,
             })
         },
+        full_drive: |_, _| Ok(None),
         carriage: |settings, motor| {
             let settings = read(settings, DspicSettings::check)?;
             Ok(match Slave::ALL.get(usize::from(motor)) {

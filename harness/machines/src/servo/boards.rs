@@ -14,6 +14,10 @@ pub(super) const SERVO: Kind = Kind {
     build: |settings, clock| Ok(boxed(Servo::new(&read(settings, ServoSettings::check)?, clock))),
     motor: |settings, _| read(settings, ServoSettings::check).map(|_| Err(NO_ROOM)),
     rehearsal: |_, _| Ok(None),
+    full_drive: |settings, motor| {
+        let settings = read(settings, ServoSettings::check)?;
+        Ok((motor == 0).then_some(settings.drive.full.into()))
+    },
     carriage: |settings, motor| {
         let settings = read(settings, ServoSettings::check)?;
         let mm_per_count = 1.0 / settings.counts(1.0);

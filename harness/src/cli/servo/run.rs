@@ -9,6 +9,7 @@ use torno::pace::Pace;
 use torno::report::Status;
 use torno::report::page::Page;
 use torno::servo::controller::parts;
+use torno::servo::report::facts;
 use torno::servo::{Controller, Ended, Report, RigLine, ServoLine};
 
 use super::{
@@ -104,7 +105,8 @@ impl Arguments {
         let outcome = ran.as_ref().map_or("failed", |report| report.ended.name());
         let left = controller.disconnect().end(outcome).await?;
         if let (Some(file), Some(trace)) = (page, &left.trace) {
-            file.write(Page { trace, summary: None, cut: None, faults: &[] }.html())?;
+            let (title, facts) = (&source.name, facts(trace));
+            file.write(Page { trace, title, summary: None, cut: None, faults: &[], facts: &facts }.html())?;
         }
         self.tell(&Report { rig: Some((left.end, left.boards)), ..ran? })
     }
