@@ -1,7 +1,7 @@
 // A machine whose tool moves over a bed, from above: the way that was asked, and the way that the carriages went, where
 // the tool is in the work. Lengths are in mm, as far as the rig says what they are.
 
-import { draw, make, palette, put, set, sized } from "./dom.js";
+import { draw, make, palette, put, set, size, sized } from "./dom.js";
 import { physical, ticks } from "./charts.js";
 import { from } from "./model.js";
 import { number, say } from "./words.js";
@@ -117,7 +117,7 @@ export class Bed {
   /** What is shown is the bed, until something is made: then it reaches as far as the tool has been since. Says whether
    * all must be drawn anew. */
   #look(...places) {
-    const width = this.element.clientWidth || 300;
+    const width = size(this.element)[0] || 300;
     const old = this.#view;
     const isBed = !this.#ways.asked.length;
     const small = ["x", "y"].map((name) => (isBed && this.#bed(name)) || [-LEAST / 2, LEAST / 2]);

@@ -53,11 +53,30 @@ export function pressable(element, press) {
   return element;
 }
 
+/** What sizes elements have, as the browser has last said: to ask it lays the page out anew. */
+const sizes = new WeakMap();
+const watching = new ResizeObserver((changes) => {
+  for (const { target, contentRect: { width, height } } of changes) {
+    sizes.set(target, [Math.round(width), Math.round(height)]);
+  }
+  // Whoever draws by a size draws anew.
+  dispatchEvent(new Event("resize"));
+});
+
+/** The width and the height of an element without padding, in px. */
+export function size(element) {
+  if (!sizes.has(element)) {
+    sizes.set(element, [element.clientWidth, element.clientHeight]);
+    watching.observe(element);
+  }
+  return sizes.get(element);
+}
+
 /** A canvas that is as sharp as the screen, with what is on it, unless its size has changed: its context, its width and
  * its height in px of the page. */
 export function sized(canvas) {
   const ratio = window.devicePixelRatio || 1;
-  const { clientWidth: width, clientHeight: height } = canvas;
+  const [width, height] = size(canvas);
   const [w, h] = [Math.round(width * ratio), Math.round(height * ratio)];
   const changed = canvas.width !== w || canvas.height !== h;
   if (changed) Object.assign(canvas, { width: w, height: h });

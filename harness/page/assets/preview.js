@@ -1,6 +1,6 @@
 // What a program would do, drawn before it runs: the lines that the rig has given, in one pair of axes.
 
-import { draw, find, make, set } from "./dom.js";
+import { draw, find, make, set, size } from "./dom.js";
 import { ticks } from "./charts.js";
 import { number, say } from "./words.js";
 
@@ -13,25 +13,25 @@ const NEAR = 0.4;
 
 export class Preview {
   known = null;
-  #width = 0;
+  #width = null;
 
   /** Shows what the rig has said of a program; nothing, if there is none. */
   show(known) {
     this.known = known;
-    this.#width = 0;
+    this.#width = null;
     this.draw();
   }
 
   /** Draws it, if it is new, or if there is another width for it. */
   draw() {
     const place = find("preview");
-    const width = place.parentElement.clientWidth;
+    const [width] = size(place);
     if (width === this.#width) return;
     this.#width = width;
-    place.replaceChildren(...(this.known ? this.#parts(this.known, place) : []));
+    place.replaceChildren(...(this.known ? this.#parts(this.known, width) : []));
   }
 
-  #parts({ problems, events, refused, seconds, drawing }, place) {
+  #parts({ problems, events, refused, seconds, drawing }, width) {
     const said = events.map(({ event, from_s: from, z_mm: z, worst, unit }) =>
       `${say(`event_${event}`)}: ${from.toFixed(3)} s, z ${number(z, 2)} mm, ${number(worst, 2)} ${unit}`);
     const wrong = [...problems, ...said].map((text) => make("li", {}, text));
@@ -42,7 +42,7 @@ export class Preview {
       const key = ({ name }) => [make("i", { class: way(name) }), make("span", {}, say(`way_${way(name)}`))];
       const keys = drawing.lines.map((line) => make("span", {}, ...key(line)));
       const legend = make("p", { class: "legend ways" }, ...keys);
-      parts.push(legend, picture(drawing, Math.max(place.clientWidth, 200)));
+      parts.push(legend, picture(drawing, Math.max(width, 200)));
     }
     return parts;
   }

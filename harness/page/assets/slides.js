@@ -1,6 +1,6 @@
 // Carriages on their screws: where each is, and where it is to be.
 
-import { draw, make, put, set } from "./dom.js";
+import { draw, make, put, set, size } from "./dom.js";
 import { physical, ticks } from "./charts.js";
 import { number, say } from "./words.js";
 
@@ -64,7 +64,7 @@ export class Slides {
   /** The scale reaches as far as the carriage has ever been or was to be, and is as wide as there is room. */
   #scale(slide, ...places) {
     const reach = [Math.min(slide.least, ...places), Math.max(slide.greatest, ...places)];
-    const width = slide.element.clientWidth || 300;
+    const width = size(slide.element)[0] || 300;
     if (slide.x && width === slide.width && reach[0] === slide.least && reach[1] === slide.greatest) return;
     const most = Math.max(2, Math.floor(width / MARKS));
     const marks = ticks(reach[0], reach[1], most);

@@ -11,10 +11,13 @@ const MARKS = { frames: ">", events: "*", inputs: "<" };
 export class Talk {
   #model;
   #kept = [];
+  /** How far the list is scrolled: to ask it lays the page out anew. */
+  #above = 0;
 
   constructor(model) {
     this.#model = model;
     find("talk-of").addEventListener("change", () => this.begin());
+    find("rows").addEventListener("scroll", ({ target }) => { this.#above = target.scrollTop; }, { passive: true });
   }
 
   begin() {
@@ -46,10 +49,10 @@ export class Talk {
     if (!shown.length) return;
     list.querySelector(".none")?.remove();
     // Whoever reads further below stays there.
-    const [height, above] = [list.scrollHeight, list.scrollTop];
+    const height = this.#above > 0 ? list.scrollHeight : 0;
     list.prepend(...shown.map(element));
     while (list.children.length > LISTED) list.lastChild.remove();
-    if (above > 0) list.scrollTop = above + list.scrollHeight - height;
+    if (height) list.scrollTop = this.#above + list.scrollHeight - height;
   }
 }
 
