@@ -54,4 +54,5 @@ mod tidy;
 mod trace;
 mod turning;
 mod verdicts;
+mod watched;
 mod ways;

@@ -12,14 +12,19 @@ use crate::common::browser::{Browser, FLAWS};
 use crate::common::{ACK, PATIENCE, SHORT, Up, json, kill, output, wait_until};
 
 /// The page of a rig.
-struct Page {
+pub(crate) struct Page {
     host: String,
     token: String,
 }
 
 impl Page {
     fn of(up: &Up) -> Self {
-        let url = up.ready["page"].as_str().unwrap();
+        Self::at(&up.ready)
+    }
+
+    /// The page that is announced so.
+    pub(crate) fn at(ready: &Value) -> Self {
+        let url = ready["page"].as_str().unwrap();
         let (host, token) = url.strip_prefix("http://").unwrap().split_once('/').unwrap();
         Self { host: host.to_owned(), token: token.trim_end_matches('/').to_owned() }
     }
@@ -58,14 +63,14 @@ impl Page {
     }
 
     /// Asks as the page does.
-    fn ask(&self, request: &Value) -> Value {
+    pub(crate) fn ask(&self, request: &Value) -> Value {
         let (status, answer) = self.post(&request.to_string(), &self.own());
         assert_eq!(status, 200, "{answer}");
         serde_json::from_str(answer.split("\r\n\r\n").nth(1).unwrap()).unwrap()
     }
 
     /// Listens to what a browser is told.
-    fn listen(&self) -> Events {
+    pub(crate) fn listen(&self) -> Events {
         let mut stream = self.connect();
         write!(stream, "GET /{}/events HTTP/1.1\r\nHost: {}\r\n\r\n", self.token, self.host).unwrap();
         Events(BufReader::new(stream))
@@ -73,7 +78,7 @@ impl Page {
 }
 
 /// What a browser is told.
-struct Events(BufReader<TcpStream>);
+pub(crate) struct Events(BufReader<TcpStream>);
 
 impl Events {
     /// The next event: its kind and its data.
@@ -91,7 +96,7 @@ impl Events {
     }
 
     /// The next one that has what is wanted.
-    fn find(&mut self, wanted: &str, is_it: impl Fn(&Value) -> bool) -> Value {
+    pub(crate) fn find(&mut self, wanted: &str, is_it: impl Fn(&Value) -> bool) -> Value {
         let start = Instant::now();
         loop {
             assert!(start.elapsed() < PATIENCE, "no such {wanted} came");

@@ -3,7 +3,8 @@
 //!
 //! [`session`] advances a rig; nothing else does. [`rig`] is the running rig, [`pace`] holds time back to the wall
 //! clock, [`play`] plays a program, [`live`] keeps a rig up for other programs at its [ports](torno_port), [`replay`]
-//! repeats a recording. [`identify`] characterises the motors of a rig, and tunes their controllers.
+//! repeats a recording. [`steering`] lets people watch each of them, and steer it. [`identify`] characterises the
+//! motors of a rig, and tunes their controllers.
 
 mod backlog;
 #[cfg(target_os = "linux")]
@@ -44,6 +45,8 @@ pub mod session;
 pub mod socket;
 pub mod speed;
 pub mod spool;
+#[cfg(target_os = "linux")]
+pub mod steering;
 pub mod sweep;
 pub mod text_file;
 pub mod toolpath;

@@ -15,7 +15,7 @@ use crate::pace::Pace;
 use crate::recorder::Recorder;
 use crate::rig::file::RigFile;
 use crate::rig::{Cost, Driver, Incident};
-use crate::session::{self, EndedBoard, Exchange, Happened, INTERRUPTED, Session, SessionError};
+use crate::session::{self, Audience, EndedBoard, Exchange, Happened, INTERRUPTED, Session, SessionError};
 
 /// The PC starts to send so long after the rig has started, or later where characters are long: a decoder wants to see
 /// an idle line first.
@@ -225,13 +225,29 @@ impl<J: Job> Play<J> {
     pub async fn record(
         self,
         recorder: Option<Recorder>,
+        progress: impl FnMut(Progress<'_, J>),
+        interrupted: impl Future<Output = ()>,
+    ) -> Result<Played<J>, SessionError> {
+        self.show(recorder, None, progress, interrupted).await
+    }
+
+    /// The same for an audience, which then sets the pace.
+    ///
+    /// # Errors
+    /// [`SessionError`] if the rig itself breaks, or the recording cannot go on.
+    pub async fn show(
+        self,
+        recorder: Option<Recorder>,
+        audience: Option<Box<dyn Audience>>,
         mut progress: impl FnMut(Progress<'_, J>),
         interrupted: impl Future<Output = ()>,
     ) -> Result<Played<J>, SessionError> {
         let uart = self.file.pc.uart().with_program(self.job.program());
         let session = Session::start(&self.file, &self.driver, uart).await?;
         let mut session = if self.quiet { session.quiet() } else { session };
-        if self.pace == Pace::Max {
+        if let Some(audience) = audience {
+            session.show(audience);
+        } else if self.pace == Pace::Max {
             session.rig().share_one_processor();
         } else {
             session.set_pace(self.pace, Instant::START)?;
@@ -276,7 +292,7 @@ impl<J: Job> Play<J> {
             let deadline = player.deadline(&session, self.patience);
             let slice = self.slice.map(|slice| reached + slice);
             let mut limit = allowed.earlier(Some(deadline)).earlier(slice);
-            if !self.faults.is_empty() {
+            if !self.faults.is_empty() || session.is_shown() {
                 // No further than to where the play can end: what comes after that must not count.
                 let end = session.active_until().next().min(reached + AFTER.min(self.patience));
                 limit = limit.earlier(Some(end));
@@ -286,8 +302,9 @@ impl<J: Job> Play<J> {
             let before = player.take(happened);
             session.rig_mut().reuse(before);
             progress(player.progress());
+            session.tell_program(player.job.reached());
             steps += 1;
-            if steps % STEPS_PER_LOOK == 0 && has_come(interrupted.as_mut()).await {
+            if (steps % STEPS_PER_LOOK == 0 || session.is_shown()) && has_come(interrupted.as_mut()).await {
                 let now = if session.pace() == Pace::Max { Instant::START } else { session.allowed().until };
                 break (Ended::Interrupted, now.max(session.rig().engine().frontier()));
             }

@@ -8,7 +8,7 @@ use torno_protocol::time::Instant;
 use crate::job::{Careful, Counting};
 use crate::rig::Driver;
 use crate::rig::file::{RigFile, RigFileError};
-use crate::session::{Session, SessionError};
+use crate::session::{Audience, Session, SessionError};
 use torno_engine::{Disturbance, Fact, Input, InputKind, Limit, LineId, NodeId};
 use torno_trace::{Header, Trace};
 
@@ -68,6 +68,18 @@ pub(crate) enum Action {
 /// # Errors
 /// [`ReplayError`].
 pub async fn replay(trace: &Trace, driver: &Driver) -> Result<Replayed, ReplayError> {
+    show(trace, driver, None).await
+}
+
+/// The same for an audience, which then sets the pace.
+///
+/// # Errors
+/// [`ReplayError`].
+pub async fn show(
+    trace: &Trace,
+    driver: &Driver,
+    audience: Option<Box<dyn Audience>>,
+) -> Result<Replayed, ReplayError> {
     let (file, header) = rig_of(trace)?;
     let Header { program, .. } = &header;
     let uart = file.pc.uart();
@@ -82,7 +94,10 @@ pub async fn replay(trace: &Trace, driver: &Driver) -> Result<Replayed, ReplayEr
         _ => Session::start(&file, driver, uart).await?,
     };
     let mut session = session.quiet();
-    session.rig().share_one_processor();
+    match audience {
+        Some(audience) => session.show(audience),
+        None => session.rig().share_one_processor(),
+    }
     session.keep(header.clone());
     // Faults have other numbers here: watches are numbered with them.
     let mut faults = BTreeMap::new();
@@ -118,7 +133,10 @@ pub async fn replay(trace: &Trace, driver: &Driver) -> Result<Replayed, ReplayEr
 }
 
 /// The rig in a trace, and the header that a trace of it has today.
-pub(crate) fn rig_of(trace: &Trace) -> Result<(RigFile, Header), ReplayError> {
+///
+/// # Errors
+/// [`ReplayError`] if this version cannot build it.
+pub fn rig_of(trace: &Trace) -> Result<(RigFile, Header), ReplayError> {
     let Header { torno, rig: name, text, seed, program, .. } = &trace.header;
     let file = RigFile::parse(name, text).map_err(|source| ReplayError::File { torno: torno.clone(), source })?;
     let header = file.header(name, *seed, program.as_deref());

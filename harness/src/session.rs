@@ -6,7 +6,7 @@
 
 use std::future::Future;
 use std::io;
-use std::pin::pin;
+use std::pin::{Pin, pin};
 use std::task::{Context, Poll, Waker};
 
 use torno_bus::{Conversation, PcEvent, PcUart, Replies, Reply};
@@ -70,6 +70,29 @@ pub struct Session {
     /// The boards of which is asked at the end what they keep, and what they said.
     keepers: Vec<NodeId>,
     kept: Vec<Option<Kept>>,
+    /// Who watches, and holds time back; but no more where it comes to its end.
+    audience: Option<Box<dyn Audience>>,
+    comes_to_its_end: bool,
+}
+
+/// A step that an [`Audience`] lets a session take.
+pub type Stepping<'a> = Pin<Box<dyn Future<Output = Result<Happened, SessionError>> + 'a>>;
+
+/// Who watches a session and holds its time back. As long as nothing is done to the rig, nothing that comes of the
+/// session depends on it.
+pub trait Audience {
+    /// Takes note of what has happened.
+    fn note(&mut self, happened: &Happened);
+
+    /// The program that is played has come so far: how much of it has been accepted, and how much there is.
+    fn tell_program(&mut self, accepted: usize, of: usize);
+
+    /// Does what [`Session::step`] is to do, as far as time may go by now. As long as that is not as far as `limit`,
+    /// there may be [more](Happened::more). Meanwhile the session has no audience.
+    fn step<'a>(&'a mut self, session: &'a mut Session, limit: Limit) -> Stepping<'a>;
+
+    /// Everything before `until` has happened and has been noted, and this is the end.
+    fn end(&mut self, session: &mut Session, until: Instant);
 }
 
 /// What has happened in a step.
@@ -136,7 +159,7 @@ pub struct EndedBoard {
 
 impl Happened {
     /// All that has happened in two steps, of which this is the first.
-    fn followed_by(mut self, next: Self) -> Self {
+    pub(crate) fn followed_by(mut self, next: Self) -> Self {
         self.facts.extend(next.facts);
         self.inputs.extend(next.inputs);
         self.incidents.extend(next.incidents);
@@ -178,6 +201,8 @@ impl Session {
             end: None,
             keepers: Vec::new(),
             kept: Vec::new(),
+            audience: None,
+            comes_to_its_end: false,
             rig,
         })
     }
@@ -206,6 +231,23 @@ impl Session {
     /// What is kept for whoever asks before the end.
     pub const fn spooled(&self) -> Option<&Spool> {
         self.spool.as_ref()
+    }
+
+    /// Lets somebody watch, and hold time back. For a rig that does not run yet.
+    pub fn show(&mut self, audience: Box<dyn Audience>) {
+        self.audience = Some(audience);
+    }
+
+    /// Whether somebody may watch, and hold time back.
+    pub const fn is_shown(&self) -> bool {
+        self.audience.is_some()
+    }
+
+    /// Tells who watches how much of the program has been accepted, and how much there is.
+    pub fn tell_program(&mut self, (accepted, of): (usize, usize)) {
+        if let Some(audience) = &mut self.audience {
+            audience.tell_program(accepted, of);
+        }
     }
 
     /// Asks these boards at the end what they keep without power.
@@ -302,6 +344,15 @@ impl Session {
     /// # Errors
     /// [`SessionError`] if the rig itself breaks, or the recording cannot go on.
     pub async fn step(&mut self, limit: Limit) -> Result<Happened, SessionError> {
+        let Some(mut audience) = self.audience.take_if(|_| !self.comes_to_its_end) else {
+            return self.step_at_once(limit).await;
+        };
+        let happened = audience.step(self, limit).await;
+        self.audience = Some(audience);
+        happened
+    }
+
+    async fn step_at_once(&mut self, limit: Limit) -> Result<Happened, SessionError> {
         let due = self.faults.next().filter(|due| *due < limit.until);
         let stepped = self.rig.step(limit.earlier(due)).await?;
         let mut happened = self.note(Instant::NEVER)?;
@@ -466,6 +517,7 @@ impl Session {
     /// As for a [step](Self::step).
     pub async fn reach_end(&mut self, until: Instant, see: impl FnMut(Happened)) -> Result<Instant, SessionError> {
         let until = until.max(self.noted).max(Instant::START.next());
+        self.comes_to_its_end = true;
         self.settle(until, see).await?;
         self.end = Some(until);
         for board in core::mem::take(&mut self.keepers) {
@@ -494,6 +546,9 @@ impl Session {
     /// [`SessionError::Recording`] if the recording cannot be written.
     pub fn close(mut self, outcome: &str) -> Result<Ended, SessionError> {
         let until = self.end.unwrap_or(self.noted).max(Instant::START.next());
+        if let Some(mut audience) = self.audience.take() {
+            audience.end(&mut self, until);
+        }
         let end = self.end_at(until, outcome);
         if let Some(recorder) = &mut self.recorder {
             recorder.finish(&end)?;
@@ -594,6 +649,9 @@ impl Session {
         }
         self.note_begun(&happened.begun);
         self.replies.iter_mut().for_each(|replies| replies.keep_last(REPLIES));
+        if let Some(audience) = &mut self.audience {
+            audience.note(&happened);
+        }
         Ok(happened)
     }
 

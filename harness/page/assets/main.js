@@ -34,7 +34,7 @@ function show() {
   requestAnimationFrame(() => {
     due = false;
     performance.mark("torno-frame-begin");
-    put(find("link"), say(`link_${link}`));
+    put(find("link"), model.outcome ? say("program_ended", model.outcome) : say(`link_${link}`));
     find("link").dataset.link = link;
     if (model.rig) for (const view of views) view.draw();
     performance.measure("torno-frame", "torno-frame-begin");
@@ -68,6 +68,12 @@ function listen() {
   take("look", (look) => model.look(look));
   take("part", (part) => { model.part = part.ok ?? null; });
   take("lost", (lost) => { model.lost += lost; });
+  take("end", ({ outcome }) => {
+    model.outcome = outcome;
+    link = "ended";
+    clearTimeout(silence);
+    source.close();
+  });
   source.addEventListener("error", () => {
     link = "lost";
     show();

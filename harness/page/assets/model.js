@@ -10,6 +10,8 @@ export class Model {
   rig = null;
   state = null;
   part = null;
+  /** How the rig has ended, if it has. */
+  outcome = null;
   /** Characters and messages on lines, by line: [s, byte, error] and [s, text, flaw]. */
   lines = new Map();
   /** Rows for people that are not listed yet. */

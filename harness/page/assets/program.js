@@ -68,6 +68,8 @@ export class Program {
     const program = this.#model.state?.program;
     if (!program) return;
     const { accepted, of, outcome } = program;
-    put(find("program-state"), outcome ? say("program_ended", outcome) : say("program_runs", accepted, of));
+    // What a run plays is not chosen here.
+    const place = find(this.#model.rig.plays ? "program-state" : "progress");
+    put(place, outcome ? say("program_ended", outcome) : say("program_runs", accepted, of));
   }
 }

@@ -4,7 +4,7 @@ use std::convert::Infallible;
 use std::future::Future;
 use std::io;
 use std::net::SocketAddr;
-use std::pin::Pin;
+use std::pin::{Pin, pin};
 use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::Duration;
@@ -18,7 +18,7 @@ use hyper::{Method, Request, Response, StatusCode};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::mpsc::Receiver;
-use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 use tokio::task::JoinHandle;
 
 use crate::assets::{PAGE, asset};
@@ -103,6 +103,9 @@ pub enum PageError {
 pub struct Server {
     url: String,
     accepting: JoinHandle<()>,
+    /// Each connection has one.
+    places: Arc<Semaphore>,
+    closes: watch::Sender<bool>,
 }
 
 /// What every connection needs to know.
@@ -110,6 +113,7 @@ struct Shared<B> {
     address: SocketAddr,
     token: Token,
     behind: B,
+    closes: watch::Receiver<bool>,
 }
 
 impl Server {
@@ -130,8 +134,19 @@ impl Server {
         let address = listener.local_addr().map_err(refused)?;
         let token = Token::new().map_err(PageError::Random)?;
         let url = format!("http://{address}/{token}/");
-        let shared = Arc::new(Shared { address, token, behind });
-        Ok(Self { url, accepting: tokio::spawn(accept(listener, shared)) })
+        let places = Arc::new(Semaphore::new(CONNECTIONS));
+        let closes = watch::Sender::new(false);
+        let shared = Arc::new(Shared { address, token, behind, closes: closes.subscribe() });
+        let accepting = tokio::spawn(accept(listener, shared, Arc::clone(&places)));
+        Ok(Self { url, accepting, places, closes })
+    }
+
+    /// Serves nothing more, and waits until every browser has read what it was told before. What it is
+    /// [told](Behind::tell) must have an end.
+    pub async fn close(&self) {
+        self.accepting.abort();
+        self.closes.send_replace(true);
+        self.places.acquire_many(CONNECTIONS as u32).await.ok();
     }
 
     /// The page's address, with its token.
@@ -146,8 +161,7 @@ impl Drop for Server {
     }
 }
 
-async fn accept<B: Behind>(listener: TcpListener, shared: Arc<Shared<B>>) {
-    let places = Arc::new(Semaphore::new(CONNECTIONS));
+async fn accept<B: Behind>(listener: TcpListener, shared: Arc<Shared<B>>, places: Arc<Semaphore>) {
     loop {
         // It is never closed.
         let Ok(place) = Arc::clone(&places).acquire_owned().await else { return };
@@ -162,6 +176,7 @@ async fn accept<B: Behind>(listener: TcpListener, shared: Arc<Shared<B>>) {
 }
 
 async fn serve<B: Behind>(stream: TcpStream, shared: Arc<Shared<B>>, place: OwnedSemaphorePermit) {
+    let mut closes = shared.closes.clone();
     let service = service_fn(|request| {
         let shared = Arc::clone(&shared);
         async move { Ok::<_, Infallible>(shared.answer(request).await) }
@@ -170,7 +185,16 @@ async fn serve<B: Behind>(stream: TcpStream, shared: Arc<Shared<B>>, place: Owne
     stream.set_nodelay(true).ok();
     let mut server = http1::Builder::new();
     server.timer(TokioTimer::new()).header_read_timeout(HEAD_WITHIN).max_buf_size(HEAD_MAX);
-    if let Err(error) = server.serve_connection(TokioIo::new(stream), service).await {
+    let closed = async move { drop(closes.wait_for(|closes| *closes).await) };
+    let mut connection = pin!(server.serve_connection(TokioIo::new(stream), service));
+    let served = tokio::select! {
+        served = connection.as_mut() => served,
+        () = closed => {
+            connection.as_mut().graceful_shutdown();
+            connection.await
+        }
+    };
+    if let Err(error) = served {
         tracing::debug!(%error, "a browser is lost");
     }
     drop(place);

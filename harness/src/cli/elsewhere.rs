@@ -4,8 +4,11 @@ use std::ffi::OsString;
 use std::process::ExitCode;
 use std::time::Duration;
 
+use torno::pace::Pace;
 use torno::rig::Driver;
 use torno::rig::file::RigFile;
+use torno::session::Audience;
+use torno_trace::Header;
 
 use super::Interrupt;
 
@@ -19,6 +22,10 @@ pub(super) mod ctl {
 
 pub(super) mod join {
     pub(in crate::cli) use super::wait_for_boards;
+}
+
+pub(super) mod page {
+    pub(in crate::cli) use super::{PageOptions, Role, WatchOptions};
 }
 
 pub(super) mod up {
@@ -38,6 +45,58 @@ pub(super) struct Arguments {
 impl Arguments {
     pub(super) async fn run(self) -> anyhow::Result<ExitCode> {
         anyhow::bail!(NEEDS)
+    }
+}
+
+/// There is no page.
+#[derive(Debug, clap::Args)]
+pub(super) struct PageOptions {}
+
+/// There is nothing to watch.
+#[derive(Debug, clap::Args)]
+pub(super) struct WatchOptions {}
+
+/// The page of a session, and who watches the session for it.
+pub(super) type Watched = (Option<Open>, Option<Box<dyn Audience>>);
+
+/// What a session is for.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Role {
+    Run,
+    Replay,
+    Test,
+}
+
+/// A page that cannot be.
+pub(super) enum Open {}
+
+impl PageOptions {
+    pub(super) const fn usual_pace(&self) -> Pace {
+        Pace::Max
+    }
+
+    pub(super) fn show(&self, _file: &RigFile, _header: &Header, _role: Role, _pace: Pace) -> anyhow::Result<Watched> {
+        Ok((None, None))
+    }
+}
+
+impl WatchOptions {
+    pub(super) const fn is_asked(&self) -> bool {
+        false
+    }
+
+    pub(super) fn show(&self, _file: &RigFile, _header: &Header, _role: Role, _json: bool) -> anyhow::Result<Watched> {
+        Ok((None, None))
+    }
+}
+
+impl Open {
+    pub(super) fn announcement(&self, _pace: Pace, _json: bool) -> String {
+        match *self {}
+    }
+
+    pub(super) async fn end(self, _outcome: &str) {
+        match self {}
     }
 }
 

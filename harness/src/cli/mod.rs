@@ -16,6 +16,8 @@ mod identify;
 mod join;
 mod options;
 mod output;
+#[cfg(target_os = "linux")]
+mod page;
 mod replay;
 mod run;
 mod send;
@@ -47,7 +49,7 @@ use torno_protocol::lathe::Program;
 use torno_trace::{Damage, Header, Trace};
 
 #[cfg(not(target_os = "linux"))]
-use elsewhere::{board, ctl, join, up};
+use elsewhere::{board, ctl, join, page, up};
 use exit::{FAILED, INTERRUPTED, USAGE};
 use gcode::plan::is_gcode;
 use join::wait_for_boards;

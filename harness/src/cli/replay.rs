@@ -5,11 +5,12 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use serde_json::json;
-use torno::replay::replay;
+use torno::replay::{rig_of, show};
 use torno::session::INTERRUPTED as ENDED;
 use torno_trace::diff::{Extent, first_difference};
 
 use super::options::Placement;
+use super::page::{Role, WatchOptions};
 use super::{FAILED, INTERRUPTED, Interrupt, USAGE, load_trace, print};
 
 #[derive(Debug, clap::Args)]
@@ -18,7 +19,9 @@ pub(super) struct Arguments {
     file: PathBuf,
     #[command(flatten)]
     placement: Placement,
-    /// Prints the result as one line of JSON
+    #[command(flatten)]
+    watch: WatchOptions,
+    /// Prints the result as one line of JSON; before it, one for --page
     #[arg(long)]
     json: bool,
 }
@@ -28,9 +31,18 @@ impl Arguments {
         let (trace, damage) = load_trace(&self.file)?;
         let driver = self.placement.or_in_process()?;
         let mut interrupt = Interrupt::listen()?;
+        let (page, audience) = if self.watch.is_asked() {
+            let (file, header) = rig_of(&trace)?;
+            self.watch.show(&file, &header, Role::Replay, self.json)?
+        } else {
+            (None, None)
+        };
         let again = tokio::select! {
-            again = replay(&trace, &driver) => again?,
+            again = show(&trace, &driver, audience) => again?,
             () = interrupt.received() => {
+                if let Some(page) = page {
+                    page.end(ENDED).await;
+                }
                 let json = json!({ "outcome": ENDED, "same": null });
                 print(&if self.json { format!("{json}\n") } else { format!("{ENDED}: nothing is compared\n") })?;
                 return Ok(ExitCode::from(INTERRUPTED));
@@ -69,6 +81,9 @@ impl Arguments {
                 (Some(difference), _) => difference.text("recorded", "repeated"),
             }
         };
+        if let Some(page) = page {
+            page.end(if is_same { "the same" } else { "not the same" }).await;
+        }
         print(&text)?;
         Ok(match is_same {
             // What cannot be read may differ.

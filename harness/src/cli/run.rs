@@ -26,6 +26,7 @@ use tracing::Instrument;
 
 use super::gcode::plan::start;
 use super::options::{Eeprom, Placement, drawing, keepers, time, timescale, write_kept};
+use super::page::{PageOptions, Role};
 use super::{
     FAILED, INTERRUPTED, Interrupt, Loaded, LoadedLines, OutputFile, load_lines, load_program, load_rig, print_beside,
     rig_and_program, rig_span, start_recording, wait_for_boards, written,
@@ -42,9 +43,9 @@ pub(super) struct Arguments {
     /// rig's [part] says]
     #[arg(long, value_name = "X,Z", value_parser = start, allow_hyphen_values = true)]
     at: Option<Place>,
-    /// Virtual seconds per second, or 'max'
-    #[arg(long, default_value = "max", value_name = "N|max")]
-    pace: Pace,
+    /// Virtual seconds per second, or 'max'; with --page it is 1, unless it is given [default: max]
+    #[arg(long, value_name = "N|max")]
+    pace: Option<Pace>,
     /// Where everything random comes from, that is faults [default: what their file says]
     #[arg(long)]
     seed: Option<u64>,
@@ -96,7 +97,9 @@ pub(super) struct Arguments {
     /// Gives up when nothing of the program has been accepted for so long, in virtual time
     #[arg(long, default_value = "3600 s", value_name = "TIME", value_parser = time)]
     patience: Span,
-    /// Prints the summary as one line of JSON; before it, one for --await
+    #[command(flatten)]
+    page: PageOptions,
+    /// Prints the summary as one line of JSON; before it, one for --await and one for --page
     #[arg(long)]
     json: bool,
 }
@@ -182,7 +185,13 @@ impl Arguments {
         let waited = wait_for_boards(&file, &self.awaited, others, self.json, &mut interrupt).await?;
         let Some((driver, waited)) = waited else { return Ok(ExitCode::from(INTERRUPTED)) };
         let started = started + waited;
-        let (pace, measure) = (self.pace, self.stats);
+        let pace = self.pace.unwrap_or(self.page.usual_pace());
+        let measure = self.stats;
+        let files = [&self.vcd, &self.part, &self.profile, &self.path, &self.report];
+        let (page, audience) = self.page.show(&file, &header, Role::Run, pace)?;
+        if let Some(page) = &page {
+            print_beside(&files, &page.announcement(pace, self.json))?;
+        }
         let patience = self.patience;
         let keepers = keepers(&kept_files);
         let play = Play { pace, faults, waveforms, measure, keep, keepers, patience, ..Play::of(file, job, driver) };
@@ -195,8 +204,11 @@ impl Arguments {
             readout.take(progress.facts);
             bar.update(progress.job.reached().0, Some(progress.now), &readout.text());
         };
-        let mut played = play.record(recorder, progress, interrupt.received()).await?;
+        let mut played = play.show(recorder, audience, progress, interrupt.received()).await?;
         bar.clear();
+        if let Some(page) = page {
+            page.end(played.outcome()).await;
+        }
         write_kept(&kept_files, &played.kept)?;
         for unfired in &played.unfired {
             tracing::warn!("{unfired}");
@@ -234,10 +246,7 @@ impl Arguments {
             let summary = Some(&summary);
             file.write(Page { trace: &trace, title, summary, cut: cut.as_ref(), faults, facts: &[] }.html())?;
         }
-        print_beside(
-            &[&self.vcd, &self.part, &self.profile, &self.path, &self.report],
-            &written(self.json, &summary)?,
-        )?;
+        print_beside(&files, &written(self.json, &summary)?)?;
         Ok(code)
     }
 }

@@ -5,18 +5,22 @@ mod select;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use torno::observe::stderr::say;
 use torno::recorder::Recorder;
 use torno::report::Bar;
 use torno::rig::Driver;
-use torno::scenario::{Attempt, Broken, Keep, Scenario, TestReport, Verdict, in_order, run_one, seed_text};
-use torno::session::INTERRUPTED as ENDED;
+use torno::scenario::{
+    Attempt, Broken, Keep, Scenario, TestReport, Tested, Verdict, in_order, run_one, seed_text, show_one,
+};
+use torno::session::{Audience, INTERRUPTED as ENDED, SessionError};
 
 use super::options::Placement;
+use super::page::{Role, WatchOptions};
 use super::{
-    FAILED, INTERRUPTED, OutputFile, USAGE, exit, print, print_text, processors, start_recording, unless_interrupted,
+    FAILED, INTERRUPTED, Interrupt, OutputFile, USAGE, exit, print, print_text, processors, start_recording,
+    unless_interrupted,
 };
 use select::Selected;
 
@@ -46,10 +50,12 @@ pub(super) struct Arguments {
     /// scenario
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
+    #[command(flatten)]
+    watch: WatchOptions,
     /// Writes the results as JUnit XML; overwrites a file, also if there will be no results
     #[arg(long, value_name = "FILE")]
     junit: Option<PathBuf>,
-    /// Prints a line of JSON for each scenario
+    /// Prints a line of JSON for each scenario; before it, one for --page
     #[arg(long)]
     json: bool,
 }
@@ -88,6 +94,12 @@ impl Arguments {
         }
         let driver = self.placement.or_in_process()?;
         let recorder = self.record.as_deref().map(|path| recorder(path, &selected)).transpose()?;
+        let (page, audience) = if self.watch.is_asked() {
+            let Scenario { file, rig, seed, .. } = the_only(&selected, "--page")?;
+            self.watch.show(file, &file.header(rig, *seed, None), Role::Test, self.json)?
+        } else {
+            (None, None)
+        };
         if !self.json {
             let scenarios = selected.iter().filter_map(|selected| selected.scenario.as_ref().ok());
             let random = scenarios.filter(|scenario| scenario.is_random());
@@ -106,9 +118,15 @@ impl Arguments {
             so_far: Mutex::default(),
         });
         let doing = Arc::clone(&work);
-        let done = unless_interrupted(move || doing.run()).await?;
+        let done = match audience {
+            Some(audience) => work.show(audience).await?,
+            None => unless_interrupted(move || doing.run()).await?,
+        };
         work.bar.clear();
-        let mut so_far = work.so_far.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(page) = page {
+            page.end(work.outcome()).await;
+        }
+        let mut so_far = work.so_far();
         so_far.over = true;
         let attempts = std::mem::take(&mut so_far.attempts);
         let not_run = count - attempts.len();
@@ -153,46 +171,96 @@ impl Work {
             attempt
         };
         in_order(self.selected.len() as u64, self.threads, act, |_, (attempt, status)| {
-            let mut so_far = self.so_far.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut so_far = self.so_far();
             if so_far.over {
                 return ControlFlow::Break(());
             }
             let stop = self.fail_fast && attempt.verdict() != Some(Verdict::Passed);
-            so_far.attempts.push(attempt);
-            so_far.status = so_far.status.max(status);
+            so_far.add(attempt, status);
             if stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         });
     }
 
     /// What comes of a scenario; and the exit status, if it cannot be run.
     fn attempt(&self, n: usize) -> (Attempt, Option<u8>) {
-        let Selected { path, name, scenario } = &self.selected[n];
-        let broken = |error: &anyhow::Error, status| {
-            let (path, name, message) = (path.clone(), name.clone(), format!("{error:#}"));
-            (Attempt::Broken(Broken { path, name, message }), Some(status))
-        };
+        let Selected { path, scenario, .. } = &self.selected[n];
         let scenario = match scenario {
             Ok(scenario) => scenario,
-            Err(error) => return broken(error, USAGE),
+            Err(error) => return self.broken(n, error, USAGE),
         };
+        self.came_of(n, run_one(path, scenario, &self.driver, self.keep()))
+    }
+
+    /// Shows the only scenario to somebody; None, if a signal came first.
+    async fn show(&self, audience: Box<dyn Audience>) -> anyhow::Result<Option<()>> {
+        let mut interrupt = Interrupt::listen()?;
+        let Selected { path, .. } = &self.selected[0];
+        let scenario = the_only(&self.selected, "--page")?;
+        tokio::select! {
+            tested = show_one(path, scenario, &self.driver, self.keep(), audience) => {
+                let (attempt, status) = self.came_of(0, tested);
+                self.so_far().add(attempt, status);
+                Ok(Some(()))
+            }
+            () = interrupt.received() => Ok(None),
+        }
+    }
+
+    /// The word for what has come of the only scenario.
+    fn outcome(&self) -> &'static str {
+        let so_far = self.so_far();
+        let outcome = so_far.attempts.first().map(|attempt| attempt.verdict().map_or("broken", Verdict::name));
+        outcome.unwrap_or(ENDED)
+    }
+
+    /// What is kept of the next scenario.
+    fn keep(&self) -> Keep {
         let recorder = self.recorder.lock().unwrap_or_else(PoisonError::into_inner).take();
-        let keep = recorder.map_or(Keep::Nothing, Keep::Recording);
-        match run_one(path, scenario, &self.driver, keep) {
+        recorder.map_or(Keep::Nothing, Keep::Recording)
+    }
+
+    fn so_far(&self) -> MutexGuard<'_, SoFar> {
+        self.so_far.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// What came of a scenario that could be run, or else the exit status.
+    fn came_of(&self, n: usize, tested: Result<Tested, SessionError>) -> (Attempt, Option<u8>) {
+        match tested {
             Ok(tested) => (Attempt::Tested(Box::new(tested)), None),
             Err(error) => {
                 let error = error.into();
-                self.bar.suspend(|| say(&format!("torno: {path}: {error:#}\n")));
-                broken(&error, exit::code(&error))
+                self.bar.suspend(|| say(&format!("torno: {}: {error:#}\n", self.selected[n].path)));
+                self.broken(n, &error, exit::code(&error))
             }
         }
     }
+
+    /// A scenario that cannot be run, and the exit status.
+    fn broken(&self, n: usize, error: &anyhow::Error, status: u8) -> (Attempt, Option<u8>) {
+        let Selected { path, name, .. } = &self.selected[n];
+        let (path, name, message) = (path.clone(), name.clone(), format!("{error:#}"));
+        (Attempt::Broken(Broken { path, name, message }), Some(status))
+    }
+}
+
+impl SoFar {
+    fn add(&mut self, attempt: Attempt, status: Option<u8>) {
+        self.attempts.push(attempt);
+        self.status = self.status.max(status);
+    }
+}
+
+/// The one scenario that an option is for.
+fn the_only<'a>(selected: &'a [Selected], option: &str) -> anyhow::Result<&'a Scenario> {
+    let [Selected { scenario: Ok(scenario), .. }] = selected else {
+        let found = selected.iter().filter(|selected| selected.scenario.is_ok()).count();
+        anyhow::bail!("{option}: expected one scenario, found {found}");
+    };
+    Ok(scenario)
 }
 
 /// A recording of the one scenario.
 fn recorder(path: &Path, selected: &[Selected]) -> anyhow::Result<Recorder> {
-    let [Selected { scenario: Ok(Scenario { file, rig, seed, .. }), .. }] = selected else {
-        let found = selected.iter().filter(|selected| selected.scenario.is_ok()).count();
-        anyhow::bail!("--record: expected one scenario, found {found}");
-    };
+    let Scenario { file, rig, seed, .. } = the_only(selected, "--record")?;
     start_recording(path, &file.header(rig, *seed, None))
 }

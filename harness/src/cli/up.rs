@@ -1,10 +1,8 @@
 //! `torno up`
 
-mod page;
 mod ways;
 
 use std::collections::BTreeMap;
-use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -27,6 +25,7 @@ use tracing::Instrument;
 
 use super::options::{Eeprom, Placement, drawing, keepers, write_kept};
 use super::output::OutputFile;
+use super::page::{self, PageOptions, Role};
 use super::{FAILED, INTERRUPTED, Interrupt, load_rig, print_beside, rig_span, start_recording, wait_for_boards};
 use ways::{Open, Ports, Ways, attach, paths};
 
@@ -71,13 +70,8 @@ pub(super) struct Arguments {
     /// Where to put the socket that 'torno ctl' steers it by [default: beside the link, RIG-control]
     #[arg(long, value_name = "PATH")]
     control: Option<PathBuf>,
-    /// Serves a page that shows the rig and steers it, to whoever knows its address, which is printed; at a free port
-    /// of 127.0.0.1, unless an ADDRESS:PORT is given
-    #[arg(long, value_name = "ADDR", num_args = 0..=1, require_equals = true, default_missing_value = "127.0.0.1:0")]
-    page: Option<SocketAddr>,
-    /// Opens the page in a browser
-    #[arg(long, requires = "page")]
-    browser: bool,
+    #[command(flatten)]
+    page: PageOptions,
     /// Prints where everything is as one line of JSON, when the rig is ready; before it, one for --await; at the end,
     /// one that says how it was
     #[arg(long)]
@@ -148,7 +142,7 @@ impl Arguments {
         let Ports { gateways, taps, control } = self.ways.ports(&open)?;
         let socket = self.control.unwrap_or(control);
         let control = Control::open(&socket)?;
-        let socket = control.path().to_owned();
+        let socket = control.path().unwrap_or(&socket).to_owned();
         let header = file.header(self.rig.as_deref().unwrap_or(DEFAULT), 0, None);
         let recorder = self.record.as_deref().map(|path| start_recording(path, &header)).transpose()?;
         let mut live = Live::start(file, &driver, self.pace, gateways).await?;
@@ -165,7 +159,7 @@ impl Arguments {
         }
         live.plan(&faults);
         live.ask_at_the_end(keepers(&kept_files));
-        let page = self.page.map(|address| page::open(address, &open.file, control.asker())).transpose()?;
+        let mut page = self.page.open(&open.file, Role::Up, control.asker())?;
         let turns = page.is_some() || made.drawing.is_some() || made.report.is_some();
         if let Some(part) = open.file.part.as_ref().filter(|_| turns) {
             live.turn(part);
@@ -177,10 +171,12 @@ impl Arguments {
             live.finish_whole();
         }
         live.steer(control, header, names);
-        let url = page.as_ref().map(torno::page::Page::url);
+        let url = page.as_ref().map(page::Open::url);
         let files = [&self.part, &self.report, &self.vcd];
         print_beside(&files, &announcement(&open, &live, &socket, url, self.pace, self.json)?)?;
-        let _redirect = url.filter(|_| self.browser).map(page::browse).transpose()?;
+        if let Some(page) = &mut page {
+            self.page.browse(page)?;
+        }
         tokio::select! {
             ended = live.run() => match ended? {},
             () = interrupt.received() => {}
@@ -188,6 +184,9 @@ impl Arguments {
         tokio::select! {
             left = live.end() => {
                 let left = left?;
+                if let Some(page) = page {
+                    page.end(ENDED).await;
+                }
                 write_kept(&kept_files, &left.kept)?;
                 for unfired in &left.unfired {
                     tracing::warn!("{unfired}");

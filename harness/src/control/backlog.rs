@@ -70,12 +70,16 @@ impl ToTell {
     /// Waits for the next lines. `{"lost": n}` stands where `n` rows would. Cancel-safe.
     pub async fn next(&mut self) -> BytesMut {
         loop {
-            let lines = self.0.backlog().as_mut().and_then(|backlog| backlog.take(HELPING));
-            match lines {
+            match self.try_next() {
                 Some(lines) => return lines,
                 None => self.0.news.notified().await,
             }
         }
+    }
+
+    /// The next lines, if there are some by now.
+    pub fn try_next(&mut self) -> Option<BytesMut> {
+        self.0.backlog().as_mut().and_then(|backlog| backlog.take(HELPING))
     }
 }
 

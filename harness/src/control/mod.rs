@@ -16,7 +16,7 @@ mod server;
 pub use backlog::{Rows, ToTell, backlog};
 pub use path::socket_beside;
 pub(crate) use server::pieces;
-pub use server::{Answer, Asker, Call, Control, Reply};
+pub use server::{Answer, Asker, Call, Control, Ending, Reply};
 
 use std::collections::BTreeMap;
 

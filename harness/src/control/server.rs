@@ -4,6 +4,7 @@ use std::future::poll_fn;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::pin::pin;
+use std::sync::{Arc, OnceLock};
 
 use bytes::Bytes;
 use futures_core::Stream;
@@ -16,7 +17,7 @@ use tokio::task::JoinHandle;
 
 use super::backlog::{ROOM, Rows, backlog, lost};
 use super::lines::{LINE_MAX, lines};
-use super::{File, Request};
+use super::{File, PartState, Request, State};
 use crate::saving::Saved;
 use crate::socket::{OwnSocket, Purpose, SocketError};
 
@@ -58,22 +59,22 @@ impl Answer {
     /// Answers. That the client has gone is no error.
     pub fn give<T: Serialize, E: std::fmt::Display>(self, result: Result<T, E>) {
         let answer = match result {
-            Ok(value) => json!({ "ok": value }),
-            Err(error) => json!({ "error": error.to_string() }),
+            Ok(value) => done(&value),
+            Err(error) => refused(&error.to_string()),
         };
-        self.0.send(Reply { line: answer.to_string(), file: None }).ok();
+        self.0.send(Reply { line: answer, file: None }).ok();
     }
 
     /// Answers with a file, of what happened before this instant.
     pub fn hand(self, ns: u64, file: Saved) {
         let about = File { ns, name: file.name.clone(), bytes: file.bytes };
-        self.0.send(Reply { line: json!({ "ok": about }).to_string(), file: Some(file) }).ok();
+        self.0.send(Reply { line: done(&about), file: Some(file) }).ok();
     }
 }
 
 impl Reply {
     fn refused(why: &str) -> Self {
-        Self { line: json!({ "error": why }).to_string(), file: None }
+        Self { line: refused(why), file: None }
     }
 }
 
@@ -92,25 +93,57 @@ pub(crate) fn pieces(saved: Saved) -> mpsc::Receiver<Bytes> {
     pieces
 }
 
-/// The control socket of a rig that runs. Dropped, it is gone.
+/// By what a rig that runs is asked. Dropped, it is gone.
 #[derive(Debug)]
 pub struct Control {
-    path: PathBuf,
     calls: mpsc::Receiver<Call>,
     asker: Asker,
+    socket: Option<Socket>,
+}
+
+#[derive(Debug)]
+struct Socket {
+    path: PathBuf,
     accepting: JoinHandle<()>,
 }
 
 /// Whatever carries requests to the rig.
 #[derive(Clone, Debug)]
-pub struct Asker(mpsc::Sender<Call>);
+pub struct Asker {
+    calls: mpsc::Sender<Call>,
+    ending: Arc<OnceLock<Ending>>,
+}
+
+/// How a rig was at its end: answers as they would have been given.
+#[derive(Debug)]
+pub struct Ending {
+    /// To [`Request::State`].
+    pub state: String,
+    /// To [`Request::Part`], if a part was cut.
+    pub part: Option<String>,
+}
 
 impl Asker {
     /// Asks for something; rows that follow on the answer go to `rows`. None, if the rig has ended.
     async fn begin(&self, request: Request, rows: &Rows) -> Option<oneshot::Receiver<Reply>> {
         let (answer, answered) = oneshot::channel();
         let call = Call { request, answer: Answer(answer), rows: rows.clone() };
-        self.0.send(call).await.ok().map(|()| answered)
+        self.calls.send(call).await.ok().map(|()| answered)
+    }
+
+    /// Waits until the rig has ended. Cancel-safe.
+    pub async fn ended(&self) {
+        self.calls.closed().await;
+    }
+
+    /// Whether the rig has ended.
+    pub fn is_over(&self) -> bool {
+        self.calls.is_closed()
+    }
+
+    /// How the rig was at its end, if it has come to that.
+    pub fn ending(&self) -> Option<&Ending> {
+        self.ending.get()
     }
 
     /// Asks for something, and waits for the answer.
@@ -146,14 +179,26 @@ impl Control {
     pub fn open(path: &Path) -> Result<Self, SocketError> {
         let socket = OwnSocket::open(path, STEERING)?;
         let path = socket.path().to_owned();
-        let (sender, calls) = mpsc::channel(WAITING);
-        let asker = Asker(sender);
-        Ok(Self { path, calls, accepting: tokio::spawn(accept(socket, asker.clone())), asker })
+        let control = Self::within();
+        let accepting = tokio::spawn(accept(socket, control.asker()));
+        Ok(Self { socket: Some(Socket { path, accepting }), ..control })
     }
 
-    /// Where it is.
-    pub fn path(&self) -> &Path {
-        &self.path
+    /// One that nobody outside this program can reach.
+    pub fn within() -> Self {
+        let (sender, calls) = mpsc::channel(WAITING);
+        Self { calls, asker: Asker { calls: sender, ending: Arc::default() }, socket: None }
+    }
+
+    /// Where its socket is, if it has one.
+    pub fn path(&self) -> Option<&Path> {
+        self.socket.as_ref().map(|socket| socket.path.as_path())
+    }
+
+    /// The rig has ended: this is how it was.
+    pub fn end(&self, state: &State, part: Option<&PartState>) {
+        let ending = Ending { state: done(state), part: part.map(|part| done(&part)) };
+        self.asker.ending.set(ending).ok();
     }
 
     /// Another way to ask.
@@ -176,7 +221,7 @@ impl Control {
     }
 }
 
-impl Drop for Control {
+impl Drop for Socket {
     fn drop(&mut self) {
         self.accepting.abort();
     }
@@ -200,6 +245,14 @@ fn request(line: &str) -> Result<Request, String> {
         return Err("expected a request, found an empty line".to_owned());
     }
     serde_json::from_str(line).map_err(|error| format!("expected a request: {error}"))
+}
+
+fn done(what: &impl Serialize) -> String {
+    json!({ "ok": what }).to_string()
+}
+
+fn refused(why: &str) -> String {
+    json!({ "error": why }).to_string()
 }
 
 async fn serve(stream: UnixStream, asker: Asker) -> io::Result<()> {

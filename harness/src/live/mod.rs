@@ -23,22 +23,15 @@ use crate::rig::file::RigFile;
 use crate::rig::{Driver, Incident, Rig};
 use crate::session::{ENDED, Happened, PC, Session, SessionError};
 use crate::spool::Spool;
+use crate::steering::{AT_ONCE, KEEP_UP, Scene, Steering, WATCHED, next_call};
 use gateway::Gateway;
 use player::Player;
-use steering::{Steering, next_call};
 use tap::Taps;
 use torno_engine::{Limit, LineId, NodeId};
 use torno_machines::workpiece::{Part, ToolPath, Turned};
 use torno_port::{PcPort, PortEvent};
 use torno_trace::{Header, Trace};
 
-/// Boards that nothing reaches are brought up to date this often, so that none has long to catch up when something
-/// does.
-const KEEP_UP: Span = Span::from_secs(10);
-/// While somebody watches, so often in wall time. (Ours: at once, to the eye.)
-const WATCHED: Duration = Duration::from_millis(20);
-/// So long, in wall time, the rig goes on at once: then whoever wants something of it has a turn.
-const AT_ONCE: Duration = Duration::from_millis(20);
 /// A rig in which something happens goes so far at once, in virtual time.
 const STRIDE: Span = Span::from_secs(1);
 /// So far, in virtual time, a rig goes at once even if nothing happens: what a motor has to tell of it takes some
@@ -192,6 +185,12 @@ impl Live {
             self.settle(end).await?;
             end = self.session.reach_end(end, |_| ()).await?;
         }
+        if let Some(steering) = &mut self.steering {
+            steering.tell(end);
+            let program = self.program.as_ref().map(Player::state);
+            let (session, brake, path) = (&mut self.session, &mut self.brake, self.path.as_mut());
+            steering.end(Scene { session, brake, path, program, now: end });
+        }
         let unfired = self.session.unfired();
         let turned = self.path.map(ToolPath::cut);
         let crate::session::Ended { trace, kept, begun, .. } = self.session.close(ENDED)?;
@@ -242,7 +241,7 @@ impl Live {
                 self.arrive();
                 self.hold_for_silence();
             }
-            let took = self.take_waiting()? | self.obey_due(limit == allowed).await?;
+            let took = self.take_waiting()? | self.carry_out_due(limit == allowed).await?;
             if arrived && !took && (limit == allowed || !went) {
                 // Where there is nothing to wait for, others must have their turn all the same.
                 tokio::task::yield_now().await;
@@ -303,7 +302,11 @@ impl Live {
                 self.gateways[place].take(event?, now, &mut self.session)?;
             }
             event = self.taps.event() => event?,
-            call = next_call(&mut self.steering) => self.put_off(call),
+            call = next_call(&mut self.steering) => {
+                if let Some(steering) = &mut self.steering {
+                    steering.put_off(call);
+                }
+            }
         }
         Ok(())
     }

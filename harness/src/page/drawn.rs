@@ -13,13 +13,15 @@ use crate::report::series::Places;
 use crate::rig::file::RigFile;
 use crate::saving::Product;
 use crate::speed::AxisSpeed;
+use crate::steering::Role;
 
-/// The rig.
-pub(super) fn rig(file: &RigFile) -> Value {
+/// The rig, in this role.
+pub(super) fn rig(file: &RigFile, role: Role) -> Value {
     let mut layout = file.layout.clone();
     for AxisSpeed { node, signal, .. } in AxisSpeed::of(file) {
         layout.boards[node].description.signals.push(signal);
     }
+    let plays = file.pc.dialect.counts_characters() || file.pc.dialect.name() == Program::DIALECT;
     json!({
         "rig": file.name,
         "torno": env!("CARGO_PKG_VERSION"),
@@ -28,9 +30,10 @@ pub(super) fn rig(file: &RigFile) -> Value {
         "charts": charts(file, &layout),
         "part": file.part.as_ref().map(|part| drawn_part(part, &layout)),
         "faults": fault_kinds(),
-        "saves": Product::ALL.into_iter().filter(|product| product.check(file).is_ok()).collect::<Vec<_>>(),
+        "saves": Product::ALL.into_iter().filter(|product| role == Role::Up && product.check(file).is_ok()).collect::<Vec<_>>(),
         "player": file.pc.dialect.player_at_port(),
-        "plays": file.pc.dialect.counts_characters() || file.pc.dialect.name() == Program::DIALECT,
+        "role": role.name(),
+        "plays": role == Role::Up && plays,
     })
 }
 
@@ -123,12 +126,16 @@ fn drawn_part(part: &Part, layout: &Layout) -> Value {
 mod tests {
     use super::*;
 
+    fn up(name: &str) -> Value {
+        rig(&RigFile::load(name).unwrap(), Role::Up)
+    }
+
     #[test]
     fn every_built_in_rig_has_what_is_drawn_of_it() {
         for (name, motors, turns) in
             [("lathe", 3, true), ("lathe-dspic", 3, true), ("servo", 1, false), ("engraver", 4, false)]
         {
-            let drawn = rig(&RigFile::load(name).unwrap());
+            let drawn = up(name);
             let charts = drawn["charts"].as_array().unwrap();
             assert_eq!((charts.len(), drawn["part"].is_object()), (motors, turns), "{name}");
             for chart in charts {
@@ -141,16 +148,16 @@ mod tests {
                 assert!(!chart["asked"].is_null() || !chart["rest"].is_null(), "{name} {chart}");
             }
         }
-        let lathe = rig(&RigFile::load("lathe").unwrap());
+        let lathe = up("lathe");
         assert_eq!(lathe["part"]["z"]["way"]["board"], "transverse");
         assert_eq!(lathe["boards"][2]["motors"][0]["capabilities"], json!(["Motor", "Axis"]));
         let feed = &lathe["charts"][1];
         assert!((feed["physical"]["worth"].as_f64().unwrap() - 1.0 / 450.0).abs() < 1e-9);
         assert_eq!((&feed["speed_in"]["unit"], &feed["drive_in"]["unit"]), (&json!("mm/s"), &json!("%")));
-        let servo = rig(&RigFile::load("servo").unwrap());
+        let servo = up("servo");
         let drive = &servo["charts"][0]["drive_in"];
         assert_eq!((&drive["unit"], drive["worth"].as_f64().unwrap() * 127.0), (&json!("%"), 100.0));
-        let engraver = rig(&RigFile::load("engraver").unwrap());
+        let engraver = up("engraver");
         let units = engraver["charts"].as_array().unwrap().iter().map(|chart| &chart["physical"]["unit"]);
         assert_eq!(units.collect::<Vec<_>>(), ["mm", "mm", "mm", "deg"]);
         assert_eq!(

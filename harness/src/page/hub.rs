@@ -5,9 +5,9 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use bytes::Bytes;
-use serde_json::Value;
-use tokio::sync::Notify;
+use serde_json::{Value, json};
 use tokio::sync::mpsc::{Receiver, Sender, channel};
+use tokio::sync::{Notify, watch};
 use tokio::time::{MissedTickBehavior, interval};
 
 use crate::control::{Asker, Form, Request, Rows, ToTell, backlog};
@@ -29,6 +29,7 @@ const ROOM: usize = 256 << 10;
 const KINDS: [&str; 5] = ["characters", "frames", "telemetry", "events", "inputs"];
 
 /// Tells all browsers.
+#[derive(Debug)]
 pub(super) struct Hub {
     /// What each is told first: what the rig consists of.
     hello: String,
@@ -37,6 +38,8 @@ pub(super) struct Hub {
     part: Mutex<String>,
     browsers: Mutex<Vec<Rows>>,
     news: Notify,
+    /// Nothing more is told.
+    over: watch::Sender<bool>,
 }
 
 /// What is told is an event that the server sends (WHATWG HTML, 9.2). `data` has no end of line in it.
@@ -53,7 +56,7 @@ impl Hub {
     pub(super) fn new(rig: &Value, turns: bool) -> Self {
         let hello = event("rig", &rig.to_string());
         let (part, browsers) = (Mutex::new(String::new()), Mutex::new(Vec::new()));
-        Self { hello, turns, part, browsers, news: Notify::new() }
+        Self { hello, turns, part, browsers, news: Notify::new(), over: watch::Sender::new(false) }
     }
 
     fn browsers(&self) -> MutexGuard<'_, Vec<Rows>> {
@@ -71,7 +74,7 @@ impl Hub {
         self.browsers().push(rows);
         self.news.notify_one();
         let (sender, receiver) = channel(1);
-        tokio::spawn(hand_on(to_tell, sender));
+        tokio::spawn(hand_on(to_tell, sender, self.over.subscribe()));
         receiver
     }
 
@@ -83,11 +86,20 @@ impl Hub {
         !browsers.is_empty()
     }
 
+    /// Tells everybody how it has ended, and nothing more.
+    pub(super) fn end(&self, outcome: &str) {
+        self.tell_all(&event("end", &json!({ "outcome": outcome }).to_string()));
+        self.over.send_replace(true);
+    }
+
     /// Looks at the rig for as long as it is there.
     pub(super) async fn run(&self, asker: &Asker) {
-        loop {
-            while self.browsers().is_empty() {
-                self.news.notified().await;
+        while !asker.is_over() {
+            if self.browsers().is_empty() {
+                tokio::select! {
+                    () = self.news.notified() => {}
+                    () = asker.ended() => return,
+                }
             }
             self.look(asker).await;
         }
@@ -99,7 +111,7 @@ impl Hub {
         let kinds = KINDS.map(str::to_owned).to_vec();
         let watch = Request::Watch { lines: Vec::new(), boards: Vec::new(), kinds, form: Form::Json };
         let watched = asker.ask(watch, &rows).await;
-        if watched.contains("\"error\"") {
+        if watched.contains("\"error\"") && !asker.is_over() {
             tracing::warn!("the page shows no messages: {watched}");
         }
         let nothing = Rows::nowhere();
@@ -114,29 +126,53 @@ impl Hub {
                     _ = looks.tick() => break,
                 }
             }
-            let now = asker.ask(Request::State, &nothing).await;
+            let mut now = asker.ask(Request::State, &nothing).await;
+            let ending = asker.ending();
+            if asker.is_over() && ending.is_none() {
+                return;
+            }
+            if let Some(ending) = ending {
+                while let Some(lines) = to_tell.try_next() {
+                    happened.note(&lines);
+                }
+                now.clone_from(&ending.state);
+            }
             let same = now == state && happened.is_empty() && look % LOOKS_AT_LEAST != 0;
             state = now;
             if !same && !self.tell_all(&event("look", &happened.take(&state))) {
                 return;
             }
-            if self.turns && look % LOOKS_PER_PART == 0 {
-                let now = event("part", &asker.ask(Request::Part, &nothing).await);
+            if self.turns && (look % LOOKS_PER_PART == 0 || ending.is_some()) {
+                let now = match ending.and_then(|ending| ending.part.clone()) {
+                    Some(part) => part,
+                    None => asker.ask(Request::Part, &nothing).await,
+                };
+                let now = event("part", &now);
                 if now != *held(&self.part) {
                     self.tell_all(&now);
                     *held(&self.part) = now;
                 }
+            }
+            if asker.is_over() {
+                return;
             }
         }
     }
 }
 
 /// Hands what waits for a browser to its connection, as fast as that takes it.
-async fn hand_on(mut to_tell: ToTell, sender: Sender<Bytes>) {
+async fn hand_on(mut to_tell: ToTell, sender: Sender<Bytes>, mut over: watch::Receiver<bool>) {
     loop {
-        tokio::select! {
-            lines = to_tell.next() => if sender.send(lines.freeze()).await.is_err() { return },
+        let lines = tokio::select! {
+            lines = to_tell.next() => lines,
+            () = async { drop(over.wait_for(|over| *over).await) } => match to_tell.try_next() {
+                Some(lines) => lines,
+                None => return,
+            },
             () = sender.closed() => return,
+        };
+        if sender.send(lines.freeze()).await.is_err() {
+            return;
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The live page of a rig that is up: what a browser is shown, and what it may ask.
+//! The live page of a rig that runs: what a browser is shown, and what it may ask.
 //!
 //! It asks the rig what the control socket asks, by the same requests: see [`control`](crate::control). What browsers
 //! are shown comes from one watch and one look at the rig's state for all of them; each has a queue of its own, and one
@@ -9,6 +9,7 @@ mod hub;
 
 use std::net::SocketAddr;
 use std::sync::Arc;
+use std::time::Duration;
 
 use bytes::Bytes;
 use tokio::sync::mpsc::Receiver;
@@ -17,12 +18,17 @@ use torno_page::{Answer, Behind, PageError, Server};
 
 use crate::control::{Asker, Rows, pieces};
 use crate::rig::file::RigFile;
+use crate::steering::Role;
 use hub::Hub;
+
+/// A browser that does not read is told of the end for so long at the most. (Ours.)
+const FAREWELL: Duration = Duration::from_secs(1);
 
 /// The page of a rig. Dropped, it is gone.
 #[derive(Debug)]
 pub struct Page {
     server: Server,
+    hub: Arc<Hub>,
     telling: JoinHandle<()>,
 }
 
@@ -34,18 +40,31 @@ struct Rig {
 }
 
 impl Page {
-    /// Opens the page of the rig that is asked by `asker`.
+    /// Opens the page of the rig that is asked by `asker`, in this role.
     ///
     /// # Errors
     /// [`PageError`]: what to do.
     ///
     /// # Panics
     /// Outside a tokio runtime with I/O enabled.
-    pub fn open(address: SocketAddr, file: &RigFile, asker: Asker) -> Result<Self, PageError> {
-        let hub = Arc::new(Hub::new(&drawn::rig(file), file.part.is_some()));
+    pub fn open(address: SocketAddr, file: &RigFile, role: Role, asker: Asker) -> Result<Self, PageError> {
+        let hub = Arc::new(Hub::new(&drawn::rig(file, role), file.part.is_some()));
         let server = Server::open(address, Rig { asker: asker.clone(), hub: Arc::clone(&hub) })?;
-        let telling = tokio::spawn(async move { hub.run(&asker).await });
-        Ok(Self { server, telling })
+        let told = Arc::clone(&hub);
+        let telling = tokio::spawn(async move { told.run(&asker).await });
+        Ok(Self { server, hub, telling })
+    }
+
+    /// The rig has ended: tells browsers how, and lets them go.
+    pub async fn end(mut self, outcome: &str) {
+        let farewell = async {
+            (&mut self.telling).await.ok();
+            self.hub.end(outcome);
+            self.server.close().await;
+        };
+        if tokio::time::timeout(FAREWELL, farewell).await.is_err() {
+            tracing::debug!("a browser does not read how it has ended");
+        }
     }
 
     /// Its address, with its token.

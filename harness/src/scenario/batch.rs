@@ -6,9 +6,9 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use super::Tested;
-use super::{Keep, Scenario, record};
+use super::{Keep, Scenario, record, show};
 use crate::rig::{Driver, RigError};
-use crate::session::{SessionError, in_process};
+use crate::session::{Audience, SessionError, in_process};
 
 /// What has been done, on its way to whoever sees it.
 struct Queue<R, S> {
@@ -72,8 +72,24 @@ pub fn run_one(path: &str, scenario: &Scenario, driver: &Driver, keep: Keep) -> 
             runtime.block_on(session)?
         }
     };
-    let (path, name, seed, drawn) = (path.to_owned(), scenario.name.clone(), scenario.seed, scenario.drawn.clone());
-    Ok(Tested { path, name, seed, drawn, outcome, wall: started.elapsed() })
+    Ok(Tested::new(path, scenario, outcome, started.elapsed()))
+}
+
+/// The same for an audience, which then sets the pace, and from within a runtime.
+///
+/// # Errors
+/// [`SessionError`] if the rig itself breaks, or the recording cannot go on.
+#[expect(clippy::disallowed_methods, reason = "how long a scenario takes is told beside its result")]
+pub async fn show_one(
+    path: &str,
+    scenario: &Scenario,
+    driver: &Driver,
+    keep: Keep,
+    audience: Box<dyn Audience>,
+) -> Result<Tested, SessionError> {
+    let started = std::time::Instant::now();
+    let outcome = show(scenario, driver, keep, audience).await?;
+    Ok(Tested::new(path, scenario, outcome, started.elapsed()))
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use crate::condition::{Claim, Condition, is_reply};
 use crate::fault::{Fault, Unfired};
 use crate::recorder::Recorder;
 use crate::rig::{Driver, Rig};
-use crate::session::{Exchange, Happened, Session, SessionError};
+use crate::session::{Audience, Exchange, Happened, Session, SessionError};
 use torno_engine::{Fact, Hit, Limit, NodeId, REACTION, WatchId};
 use torno_machines::workpiece::ToolPath;
 use torno_trace::Trace;
@@ -102,7 +102,20 @@ pub async fn run(scenario: &Scenario, driver: &Driver) -> Result<Outcome, Sessio
 /// # Errors
 /// [`SessionError`] if the rig itself breaks, or the recording cannot go on.
 pub async fn record(scenario: &Scenario, driver: &Driver, keep: Keep) -> Result<Outcome, SessionError> {
-    conduct(scenario, driver, keep, None).await
+    conduct(scenario, driver, keep, None, None).await
+}
+
+/// The same for an audience, which then sets the pace.
+///
+/// # Errors
+/// [`SessionError`] if the rig itself breaks, or the recording cannot go on.
+pub async fn show(
+    scenario: &Scenario,
+    driver: &Driver,
+    keep: Keep,
+    audience: Box<dyn Audience>,
+) -> Result<Outcome, SessionError> {
+    conduct(scenario, driver, keep, Some(audience), None).await
 }
 
 /// The same as [`run`], no further than `slice` at once. Nothing may depend on it: this is how that is proved.
@@ -110,13 +123,14 @@ pub async fn record(scenario: &Scenario, driver: &Driver, keep: Keep) -> Result<
 /// # Errors
 /// [`SessionError`] if the rig itself breaks.
 pub async fn run_in_slices(scenario: &Scenario, driver: &Driver, slice: Span) -> Result<Outcome, SessionError> {
-    conduct(scenario, driver, Keep::Nothing, Some(slice)).await
+    conduct(scenario, driver, Keep::Nothing, None, Some(slice)).await
 }
 
 async fn conduct(
     scenario: &Scenario,
     driver: &Driver,
     keep: Keep,
+    audience: Option<Box<dyn Audience>>,
     slice: Option<Span>,
 ) -> Result<Outcome, SessionError> {
     let mut session = Session::start(&scenario.file, driver, scenario.file.pc.uart()).await?.quiet();
@@ -124,6 +138,9 @@ async fn conduct(
         Keep::Nothing => {}
         Keep::Recording(recorder) => session.record(recorder),
         Keep::Trace => session.keep(scenario.file.header(&scenario.rig, scenario.seed, None)),
+    }
+    if let Some(audience) = audience {
+        session.show(audience);
     }
     let mut conductor = Conductor { slice, ..Conductor::new(scenario, session) };
     conductor.begin();
@@ -498,7 +515,8 @@ impl<'a> Conductor<'a> {
     /// Lets everything happen until the rig is quiet, but nothing after `limit`. Says when that is.
     async fn fall_quiet(&mut self, limit: Instant) -> Result<Instant, SessionError> {
         let limit = limit.max(self.now);
-        if self.rig().engine().is_undisturbed() && self.session.faults().0.next().is_none() && self.slice.is_none() {
+        let at_once = self.slice.is_none() && !self.session.is_shown();
+        if at_once && self.rig().engine().is_undisturbed() && self.session.faults().0.next().is_none() {
             let (happened, quiet) = self.session.fall_quiet(self.now, limit).await?;
             self.take_note(happened);
             if let Some(end) = quiet {

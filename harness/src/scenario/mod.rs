@@ -13,8 +13,8 @@ mod part;
 pub mod prose;
 mod tested;
 
-pub use batch::{in_order, run_one};
-pub use conductor::{Keep, Outcome, Verdict, record, run, run_in_slices};
+pub use batch::{in_order, run_one, show_one};
+pub use conductor::{Keep, Outcome, Verdict, record, run, run_in_slices, show};
 pub use failure::Failure;
 pub use file::ScenarioError;
 pub use part::{AsAsked, Diameter, PartExpected};

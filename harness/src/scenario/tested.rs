@@ -8,7 +8,7 @@ use anstyle::AnsiColor;
 use serde::Serialize;
 
 use super::junit::junit;
-use super::{Failure, Outcome, Verdict};
+use super::{Failure, Outcome, Scenario, Verdict};
 
 /// A scenario that has been run.
 #[derive(Clone, Debug)]
@@ -28,6 +28,12 @@ pub struct Tested {
 }
 
 impl Tested {
+    /// What came of a scenario from a file of this name, and how long that took.
+    pub fn new(path: &str, scenario: &Scenario, outcome: Outcome, wall: Duration) -> Self {
+        let (path, name, seed, drawn) = (path.to_owned(), scenario.name.clone(), scenario.seed, scenario.drawn.clone());
+        Self { path, name, seed, drawn, outcome, wall }
+    }
+
     /// The command that runs it again.
     pub fn again(&self) -> String {
         format!("torno test {} --seed {}", shell_word(&self.path), self.seed)
