@@ -195,3 +195,44 @@ fn a_scenario_that_is_watched_comes_to_the_same() {
     }
     assert!(compared > 50, "{compared}");
 }
+
+#[test]
+fn the_rig_is_shown_as_it_was_while_it_goes_on_and_when_it_has_ended() {
+    let Some(mut browser) = Browser::start() else { return };
+    let run = Watched::start(&["run", "lathe", "--in-process", "--pace", "10"]);
+    browser.show(run.ready["page"].as_str().unwrap());
+    let time = "parseFloat(document.getElementById('time').textContent)";
+    browser.wait_until(&format!("{time} > 20"));
+    let kept = browser.run("document.getElementById('past-kept').textContent");
+    assert!(kept.as_str().unwrap().contains(" MB of 64 MB, from 0."), "{kept}");
+    let look_back = "(() => { const it = document.getElementById('past-at'); it.value = 12; \
+                     it.dispatchEvent(new Event('input')); })()";
+    // From 7 s to 16 s, the master has distributed three frames.
+    let distributed = "[...document.querySelectorAll('#tables tr')].find((row) => row.firstChild.textContent === \
+                       'frames distributed').children[1].textContent";
+    browser.run(look_back);
+    browser.wait_until("document.getElementById('past-time').textContent.startsWith('as it was at 1')");
+    browser.wait_until(&format!("{distributed} === '3'"));
+    let bar = "document.querySelector('path.bar').getAttribute('d')";
+    let then = browser.run(bar);
+    // Meanwhile the rig goes on.
+    let now = browser.run(time).as_f64().unwrap();
+    browser.wait_until(&format!("{time} > {}", now + 1.0));
+    assert_eq!(browser.run(distributed), "3");
+    browser.run("document.getElementById('past-live').click()");
+    browser.wait_until(&format!("Number({distributed}) > 3"));
+    assert_eq!(browser.run("document.getElementById('past-time').textContent"), "as it is");
+    let fast = "(() => { const it = document.getElementById('set-pace'); it.value = 'max'; \
+                it.dispatchEvent(new Event('change')); })()";
+    browser.run(fast);
+    browser.wait_until("document.getElementById('link').textContent === 'ended: completed'");
+    browser.wait_until(&format!("{distributed} === '30'"));
+    assert_ne!(browser.run(bar), then);
+    let (summary, _) = run.end();
+    assert_eq!(summary["digest"], DEMONSTRATION);
+    // What has ended can still be looked at.
+    browser.run(look_back);
+    browser.wait_until(&format!("{distributed} === '3'"));
+    assert_eq!(browser.run(FLAWS), json!([]));
+    assert_eq!(browser.complaints, [""; 0]);
+}

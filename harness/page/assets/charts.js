@@ -49,6 +49,11 @@ export class Charts {
     return { chart, figure, canvas, now, ...inUnit };
   }
 
+  /** Another time is shown. */
+  turn() {
+    this.#said = 0;
+  }
+
   draw() {
     if (!this.#model.state) return;
     for (const chart of this.#charts) this.#draw(chart);

@@ -56,6 +56,7 @@ export class Controls {
     if (!state) return;
     put(find("time"), instant(now));
     find("still").hidden = !state.paused;
+    for (const control of find("controls").elements) control.disabled = this.#model.outcome !== null;
     put(find("pause"), say(state.paused ? "resume" : "pause"));
     const select = find("set-pace");
     if (document.activeElement === select) return;

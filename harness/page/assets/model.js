@@ -14,8 +14,13 @@ export class Model {
   outcome = null;
   /** Characters and messages on lines, by line: [s, byte, error] and [s, text, flaw]. */
   lines = new Map();
-  /** Rows for people that are not listed yet. */
+  /** Rows for people: those that are not listed yet, and those that are. */
   fresh = [];
+  listed = [];
+  /** How much is kept of what was told, and from when on. */
+  kept = null;
+  /** Whether this is the rig as it was. */
+  past = false;
   /** Updates that this browser was too slow for, and rows that were too many to be told. */
   lost = 0;
   leftOut = 0;
@@ -27,14 +32,16 @@ export class Model {
     this.state = null;
     this.part = null;
     this.fresh = [];
+    this.listed = [];
     this.#courses = new Map();
     this.#boards = new Map(rig.boards.map((board) => [board.name, board]));
     this.lines = new Map(rig.lines.map((line) => [line.name, { characters: [], messages: [], last: -1 }]));
   }
 
   /** What has happened since the last look, and how the rig is now. */
-  look({ state, rows, left_out: leftOut }) {
+  look({ state, rows, kept, left_out: leftOut }) {
     if (!this.rig || !state.ok) return;
+    this.kept = kept;
     this.leftOut += leftOut;
     for (const row of rows) this.#note(row);
     this.state = state.ok;
@@ -61,7 +68,7 @@ export class Model {
     } else {
       if (row.kind === "frames") keep(this.lines.get(row.line).messages, [at, row.text, row.flaw]);
       // What a gateway sends and receives is said on its line, too.
-      if (row.kind !== "events" || !this.board(row.board).gateway) this.fresh.push(row);
+      if (row.kind !== "events" || !this.board(row.board).gateway) keep(this.fresh, row);
     }
   }
 

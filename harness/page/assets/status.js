@@ -38,6 +38,11 @@ export class Status {
     return state ? `${state.process}, ${say("process")} ${state.pid}` : "";
   }
 
+  /** Another time is shown. */
+  turn() {
+    this.#drawn = 0;
+  }
+
   draw() {
     const now = performance.now();
     if (now - this.#drawn < 1000 / TIMES) return;

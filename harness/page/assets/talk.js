@@ -10,8 +10,7 @@ const MARKS = { frames: ">", events: "*", inputs: "<" };
 
 export class Talk {
   #model;
-  #kept = [];
-  /** How far the list is scrolled: to ask it lays the page out anew. */
+  /** How far the list is scrolled: to ask it lays the page out again. */
   #above = 0;
 
   constructor(model) {
@@ -22,9 +21,24 @@ export class Talk {
 
   begin() {
     fill(find("talk-of"), KINDS, (kind) => say(`show_${kind}`), "all");
-    const rows = this.#kept.filter((row) => this.#shows(row)).slice(-LISTED).reverse();
+    this.#list();
+    const rows = this.#model.listed.filter((row) => this.#shows(row)).slice(-LISTED).reverse();
     find("rows").replaceChildren(...rows.map(element));
     this.#none();
+  }
+
+  /** Another time is shown. */
+  turn() {
+    this.begin();
+  }
+
+  /** What was not listed yet is from now on; gives it. */
+  #list() {
+    const { fresh, listed } = this.#model;
+    const news = fresh.splice(0);
+    listed.push(...news);
+    if (listed.length > 5 * LISTED) listed.splice(0, listed.length - 4 * LISTED);
+    return news;
   }
 
   #shows(row) {
@@ -37,13 +51,11 @@ export class Talk {
   }
 
   draw() {
-    const fresh = this.#model.fresh.splice(0);
+    const fresh = this.#list();
     const { lost, leftOut } = this.#model;
     const missing = [lost && say("lost_updates", lost), leftOut && say("lost_rows", leftOut)];
     put(find("lost"), missing.filter(Boolean).join(" "));
     if (!fresh.length) return;
-    this.#kept.push(...fresh);
-    if (this.#kept.length > 5 * LISTED) this.#kept.splice(0, this.#kept.length - 4 * LISTED);
     const list = find("rows");
     const shown = fresh.filter((row) => this.#shows(row)).slice(-LISTED).reverse();
     if (!shown.length) return;

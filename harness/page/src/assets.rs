@@ -36,6 +36,7 @@ assets! {
     SCRIPT "lathe.js",
     SCRIPT "bed.js",
     SCRIPT "slides.js",
+    SCRIPT "past.js",
 }
 
 /// The kind and the content of what has this name.

@@ -5,11 +5,13 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use bytes::Bytes;
+use serde::Deserialize;
 use serde_json::{Value, json};
 use tokio::sync::mpsc::{Receiver, Sender, channel};
-use tokio::sync::{Notify, watch};
+use tokio::sync::{Notify, Semaphore, watch};
 use tokio::time::{MissedTickBehavior, interval};
 
+use super::past::{self, Kind, Past};
 use crate::control::{Asker, Form, Request, Rows, ToTell, backlog};
 
 /// The rig is looked at so often while somebody looks at the page: 25 times a second.
@@ -34,12 +36,29 @@ pub(super) struct Hub {
     /// What each is told first: what the rig consists of.
     hello: String,
     turns: bool,
+    /// The rig is looked at from the start, although nobody looks at the page yet.
+    from_start: bool,
     /// What was told last of the part.
     part: Mutex<String>,
     browsers: Mutex<Vec<Rows>>,
     news: Notify,
+    /// What was told.
+    past: Mutex<Past>,
     /// Nothing more is told.
     over: watch::Sender<bool>,
+    /// So many have asked for the past since then.
+    asked: Semaphore,
+}
+
+/// What is wanted of the answer to [`Request::State`].
+#[derive(Deserialize)]
+struct Answered {
+    ok: Now,
+}
+
+#[derive(Deserialize)]
+struct Now {
+    ns: u64,
 }
 
 /// What is told is an event that the server sends (WHATWG HTML, 9.2). `data` has no end of line in it.
@@ -52,11 +71,14 @@ fn held<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Hub {
-    /// A hub of the rig that is described so. It may turn a part.
-    pub(super) fn new(rig: &Value, turns: bool) -> Self {
+    /// A hub of the rig that is described so. It may turn a part; and nothing is to be missed of it, although nobody
+    /// looks at the page yet.
+    pub(super) fn new(rig: &Value, turns: bool, from_start: bool) -> Self {
         let hello = event("rig", &rig.to_string());
         let (part, browsers) = (Mutex::new(String::new()), Mutex::new(Vec::new()));
-        Self { hello, turns, part, browsers, news: Notify::new(), over: watch::Sender::new(false) }
+        let past = Mutex::new(Past::new(past::ROOM));
+        let (news, over, asked) = (Notify::new(), watch::Sender::new(false), Semaphore::new(0));
+        Self { hello, turns, from_start, part, browsers, news, past, over, asked }
     }
 
     fn browsers(&self) -> MutexGuard<'_, Vec<Rows>> {
@@ -86,16 +108,41 @@ impl Hub {
         !browsers.is_empty()
     }
 
-    /// Tells everybody how it has ended, and nothing more.
-    pub(super) fn end(&self, outcome: &str) {
+    /// Tells everybody how it has ended, and nothing more. Says how many listen.
+    pub(super) fn end(&self, outcome: &str) -> u32 {
         self.tell_all(&event("end", &json!({ "outcome": outcome }).to_string()));
         self.over.send_replace(true);
+        self.browsers().len() as u32
+    }
+
+    /// Waits until so many have asked for the past since the end: then they have what they can show of it.
+    pub(super) async fn wait_for_askers(&self, count: u32) {
+        drop(self.asked.acquire_many(count).await);
+    }
+
+    /// The rig as it was at an instant.
+    pub(super) fn past(&self, ns: u64) -> String {
+        if *self.over.borrow() {
+            self.asked.add_permits(1);
+        }
+        held(&self.past).until(ns)
+    }
+
+    /// Tells everybody of this instant, and keeps that. Says whether anybody listens.
+    fn tell_and_keep(&self, ns: u64, kind: Kind, data: String) -> bool {
+        let name = match kind {
+            Kind::Look => "look",
+            Kind::Part => "part",
+        };
+        let told = self.tell_all(&event(name, &data));
+        held(&self.past).keep(ns, kind, data);
+        told
     }
 
     /// Looks at the rig for as long as it is there.
     pub(super) async fn run(&self, asker: &Asker) {
         while !asker.is_over() {
-            if self.browsers().is_empty() {
+            if self.browsers().is_empty() && !self.from_start {
                 tokio::select! {
                     () = self.news.notified() => {}
                     () = asker.ended() => return,
@@ -105,7 +152,7 @@ impl Hub {
         }
     }
 
-    /// Looks at the rig for as long as somebody looks at the page.
+    /// Looks at the rig for as long as somebody looks at the page, or nothing is to be missed.
     async fn look(&self, asker: &Asker) {
         let (rows, mut to_tell) = backlog(ROOM, |lost| format!("{{\"lost\":{lost}}}\n"));
         let kinds = KINDS.map(str::to_owned).to_vec();
@@ -137,20 +184,24 @@ impl Hub {
                 }
                 now.clone_from(&ending.state);
             }
+            let ns = serde_json::from_str::<Answered>(&now).map_or(0, |answered| answered.ok.ns);
             let same = now == state && happened.is_empty() && look % LOOKS_AT_LEAST != 0;
             state = now;
-            if !same && !self.tell_all(&event("look", &happened.take(&state))) {
-                return;
+            if !same {
+                let data = happened.take(&state, &held(&self.past).extent());
+                if !self.tell_and_keep(ns, Kind::Look, data) && !self.from_start {
+                    return;
+                }
             }
             if self.turns && (look % LOOKS_PER_PART == 0 || ending.is_some()) {
                 let now = match ending.and_then(|ending| ending.part.clone()) {
                     Some(part) => part,
                     None => asker.ask(Request::Part, &nothing).await,
                 };
-                let now = event("part", &now);
-                if now != *held(&self.part) {
-                    self.tell_all(&now);
-                    *held(&self.part) = now;
+                let part = event("part", &now);
+                if part != *held(&self.part) {
+                    self.tell_and_keep(ns, Kind::Part, now);
+                    *held(&self.part) = part;
                 }
             }
             if asker.is_over() {
@@ -203,12 +254,13 @@ impl Happened {
         self.rows.is_empty() && self.quantities.is_empty()
     }
 
-    /// What a browser is told of this look.
-    fn take(&mut self, state: &str) -> String {
+    /// What a browser is told of this look, and of how much is kept.
+    fn take(&mut self, state: &str, kept: &Value) -> String {
         let Self { rows, mut quantities, left_out } = core::mem::take(self);
         quantities.extend(rows);
         let rows: Vec<String> = quantities.into();
-        format!("{{\"state\":{state},\"left_out\":{left_out},\"rows\":[{}]}}", rows.join(","))
+        let rows = rows.join(",");
+        format!("{{\"state\":{state},\"kept\":{kept},\"left_out\":{left_out},\"rows\":[{rows}]}}")
     }
 }
 
@@ -220,20 +272,20 @@ mod tests {
     fn of_many_rows_the_last_are_told_and_the_others_counted() {
         let mut happened = Happened::default();
         (0..ROWS + 7).for_each(|n| happened.note(format!("{n}\n").as_bytes()));
-        let told: Value = serde_json::from_str(&happened.take("{\"ok\":1}")).unwrap();
+        let told: Value = serde_json::from_str(&happened.take("{\"ok\":1}", &Value::Null)).unwrap();
         assert_eq!((told["left_out"].as_u64(), told["rows"].as_array().unwrap().len()), (Some(7), ROWS));
         assert_eq!((told["rows"][0].as_u64(), told["state"]["ok"].as_u64()), (Some(7), Some(1)));
         // Many characters leave the quantities their room.
         happened.note(b"{\"kind\":\"telemetry\",\"value\":7}\n");
         (0..2 * ROWS).for_each(|n| happened.note(format!("{n}\n").as_bytes()));
-        let told: Value = serde_json::from_str(&happened.take("{\"ok\":1}")).unwrap();
+        let told: Value = serde_json::from_str(&happened.take("{\"ok\":1}", &Value::Null)).unwrap();
         assert_eq!((told["left_out"].as_u64(), told["rows"][0]["value"].as_u64()), (Some(300), Some(7)));
-        assert_eq!(happened.take("1"), "{\"state\":1,\"left_out\":0,\"rows\":[]}");
+        assert_eq!(happened.take("1", &Value::Null), "{\"state\":1,\"kept\":null,\"left_out\":0,\"rows\":[]}");
     }
 
     #[tokio::test]
     async fn a_browser_that_does_not_read_costs_its_room_and_is_told_what_it_lost() {
-        let hub = Hub::new(&Value::Null, false);
+        let hub = Hub::new(&Value::Null, false, false);
         let mut stalled = hub.tell();
         let long = event("look", &"x".repeat(1_000));
         let told = 2 * ROOM / long.len();

@@ -2,10 +2,12 @@
 //!
 //! It asks the rig what the control socket asks, by the same requests: see [`control`](crate::control). What browsers
 //! are shown comes from one watch and one look at the rig's state for all of them; each has a queue of its own, and one
-//! that does not read loses updates, which it is told.
+//! that does not read loses updates, which it is told. What they were told is kept for a while, so that they can show
+//! the rig as it was.
 
 mod drawn;
 mod hub;
+mod past;
 
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -20,6 +22,7 @@ use crate::control::{Asker, Rows, pieces};
 use crate::rig::file::RigFile;
 use crate::steering::Role;
 use hub::Hub;
+use past::Asked;
 
 /// A browser that does not read is told of the end for so long at the most. (Ours.)
 const FAREWELL: Duration = Duration::from_secs(1);
@@ -48,7 +51,7 @@ impl Page {
     /// # Panics
     /// Outside a tokio runtime with I/O enabled.
     pub fn open(address: SocketAddr, file: &RigFile, role: Role, asker: Asker) -> Result<Self, PageError> {
-        let hub = Arc::new(Hub::new(&drawn::rig(file, role), file.part.is_some()));
+        let hub = Arc::new(Hub::new(&drawn::rig(file, role), file.part.is_some(), role != Role::Up));
         let server = Server::open(address, Rig { asker: asker.clone(), hub: Arc::clone(&hub) })?;
         let told = Arc::clone(&hub);
         let telling = tokio::spawn(async move { told.run(&asker).await });
@@ -59,7 +62,8 @@ impl Page {
     pub async fn end(mut self, outcome: &str) {
         let farewell = async {
             (&mut self.telling).await.ok();
-            self.hub.end(outcome);
+            let told = self.hub.end(outcome);
+            self.hub.wait_for_askers(told).await;
             self.server.close().await;
         };
         if tokio::time::timeout(FAREWELL, farewell).await.is_err() {
@@ -81,6 +85,9 @@ impl Drop for Page {
 
 impl Behind for Rig {
     async fn ask(&self, request: String) -> Answer {
+        if let Ok(Asked::Past { ns }) = serde_json::from_str(&request) {
+            return Answer::Json(self.hub.past(ns));
+        }
         let reply = self.asker.ask_line(&request, &Rows::nowhere()).await;
         match reply.file {
             Some(file) => {
