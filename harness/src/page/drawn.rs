@@ -21,6 +21,8 @@ pub(super) fn rig(file: &RigFile, role: Role) -> Value {
     for AxisSpeed { node, signal, .. } in AxisSpeed::of(file) {
         layout.boards[node].description.signals.push(signal);
     }
+    // A run, a replay and a scenario write their files at their end.
+    let saves = Product::ALL.into_iter().filter(|product| role == Role::Up && product.check(file).is_ok());
     let plays = file.pc.dialect.counts_characters() || file.pc.dialect.name() == Program::DIALECT;
     json!({
         "rig": file.name,
@@ -30,7 +32,7 @@ pub(super) fn rig(file: &RigFile, role: Role) -> Value {
         "charts": charts(file, &layout),
         "part": file.part.as_ref().map(|part| drawn_part(part, &layout)),
         "faults": fault_kinds(),
-        "saves": Product::ALL.into_iter().filter(|product| role == Role::Up && product.check(file).is_ok()).collect::<Vec<_>>(),
+        "saves": saves.collect::<Vec<_>>(),
         "player": file.pc.dialect.player_at_port(),
         "role": role.name(),
         "plays": role == Role::Up && plays,
