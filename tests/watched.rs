@@ -201,7 +201,7 @@ fn the_rig_is_shown_as_it_was_while_it_goes_on_and_when_it_has_ended() {
     let Some(mut browser) = Browser::start() else { return };
     let run = Watched::start(&["run", "lathe", "--in-process", "--pace", "10"]);
     browser.show(run.ready["page"].as_str().unwrap());
-    let time = "parseFloat(document.getElementById('time').textContent)";
+    let time = "parseFloat(document.getElementById('time')?.textContent)";
     browser.wait_until(&format!("{time} > 20"));
     let kept = browser.run("document.getElementById('past-kept').textContent");
     assert!(kept.as_str().unwrap().contains(" MB of 64 MB, from 0."), "{kept}");

@@ -43,7 +43,7 @@ pub(super) struct Arguments {
     /// rig's [part] says]
     #[arg(long, value_name = "X,Z", value_parser = start, allow_hyphen_values = true)]
     at: Option<Place>,
-    /// Virtual seconds per second, or 'max'; with --page it is 1, unless it is given [default: max]
+    /// Virtual seconds per second, or 'max'; with --page it is 1 [default: max]
     #[arg(long, value_name = "N|max")]
     pace: Option<Pace>,
     /// Where everything random comes from, that is faults [default: what their file says]

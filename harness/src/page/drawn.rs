@@ -33,7 +33,7 @@ pub(super) fn rig(file: &RigFile, role: Role) -> Value {
         "part": file.part.as_ref().map(|part| drawn_part(part, &layout)),
         "faults": fault_kinds(),
         "saves": saves.collect::<Vec<_>>(),
-        "player": file.pc.dialect.player_at_port(),
+        "player": (role == Role::Up).then(|| file.pc.dialect.player_at_port()).flatten(),
         "role": role.name(),
         "plays": role == Role::Up && plays,
     })
