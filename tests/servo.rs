@@ -11,13 +11,13 @@ use std::rc::Rc;
 use crate::common::{folder, json, output, torno};
 use torno::rig::Driver;
 use torno::rig::file::RigFile;
-use torno::servo::{Controller, Ended, Gain, RigLine, Sample, contour};
+use torno::servo::{Controller, Gain, RigLine, RunEnd, Sample, contour};
 use torno_servo::contour::{Shape, Task};
 use torno_servo::{Limits, compile};
 
 /// What a run has come to.
 struct Run {
-    ended: Ended,
+    ended: RunEnd,
     samples: Vec<Sample>,
     set_points: Vec<i64>,
     /// The board's own following error each time it changed, without the PC's byte in between.
@@ -69,7 +69,7 @@ fn the_steady_following_error_is_what_the_gains_predict() {
         let Run { ended, samples, .. } = run("x20 t2\ne", kx, kv, &[]);
         let found = mean(&samples[200..390]);
         assert!((found - expected).abs() <= 1.0, "Kx {kx}, Kv {kv}: {found}, expected {expected}");
-        assert_eq!((ended, samples.len()), (Ended::Completed, 400));
+        assert_eq!((ended, samples.len()), (RunEnd::Completed, 400));
     }
 }
 
@@ -129,7 +129,7 @@ fn every_program_of_the_sheet_ends_where_it_should() {
     ] {
         let Run { ended, set_points, position, .. } = run(text, 16, 0, &[]);
         let expected = start + set_points.last().unwrap();
-        assert_eq!(ended, Ended::Completed, "{text}");
+        assert_eq!(ended, RunEnd::Completed, "{text}");
         assert!((position - expected).abs() <= 1, "{text}: {position}, expected {expected}");
     }
 }
@@ -146,7 +146,7 @@ fn each_program_takes_its_time_and_goes_its_way() {
         ("p0 k5 x2\nx10 t2\np5 k0 x2\ne\n", 720, 1_750, 4),
     ] {
         let Run { ended, samples, set_points, told, .. } = run(text, 20, 0, &[]);
-        assert_eq!((ended, samples.len(), set_points.len()), (Ended::Completed, ticks, ticks), "{text}");
+        assert_eq!((ended, samples.len(), set_points.len()), (RunEnd::Completed, ticks, ticks), "{text}");
         assert_eq!(set_points.last(), Some(&counts), "{text}");
         let steps = set_points.windows(2).map(|pair| (pair[1] - pair[0]).abs());
         assert_eq!(steps.max(), Some(most), "{text}");
@@ -174,7 +174,7 @@ fn the_byte_shows_each_error_as_the_sheet_says() {
                 shown.push((sample.error, i64::from(sample.shown)));
                 true
             });
-            assert_eq!(ended.await.unwrap(), Ended::Completed);
+            assert_eq!(ended.await.unwrap(), RunEnd::Completed);
         }
         shown
     });
@@ -206,7 +206,7 @@ fn a_step_overshoots_as_the_damping_says() {
 #[test]
 fn what_leaves_the_travel_ends_early() {
     let Run { ended, samples, position, .. } = run("x1 t1\nx-2 t2\ne", 16, 0, &[]);
-    assert_eq!(ended, Ended::Early);
+    assert_eq!(ended, RunEnd::Early);
     assert!((399..=401).contains(&samples.len()) && position.abs() <= 1, "{} {position}", samples.len());
 }
 
@@ -464,7 +464,7 @@ fn a_run_that_is_stopped_ends_at_once() {
         let mut controller = Controller::connect(line).await.unwrap();
         controller.download(&[4; 400], |_, _| {}).await.unwrap();
         let ended = controller.run(400, |sample| sample.tick < 100).await.unwrap();
-        assert_eq!(ended, Ended::Interrupted);
+        assert_eq!(ended, RunEnd::Interrupted);
         // It is at rest and answers again.
         controller.check_link().await.unwrap();
     });

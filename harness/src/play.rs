@@ -59,7 +59,7 @@ pub struct Play<J = FrameJob> {
 
 /// Why a play ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Ended {
+pub enum PlayEnd {
     /// The program is over, and nothing more happens, but for faults.
     Over,
     /// No frame has been accepted for as long as it was to be waited for.
@@ -68,7 +68,7 @@ pub enum Ended {
     Interrupted,
 }
 
-impl Ended {
+impl PlayEnd {
     /// The word for how a play ended that came to `outcome`.
     const fn of(self, outcome: Outcome) -> &'static str {
         match self {
@@ -96,7 +96,7 @@ pub struct Played<J = FrameJob> {
     /// How the program ended.
     pub outcome: Outcome,
     /// Why the play did.
-    pub ended: Ended,
+    pub ended: PlayEnd,
     /// From the first byte that was sent until the controller told that it is idle, all of the program being answered.
     pub idle_after: Option<Span>,
     /// The virtual time it took until the rig was quiet, or the play ended.
@@ -134,9 +134,9 @@ impl<J> Played<J> {
     /// In words, why it ended before the rig was quiet; nothing, if it did not.
     pub fn cut_short(&self) -> Option<String> {
         let why = match self.ended {
-            Ended::Over => return None,
-            Ended::OutOfPatience => "given up: nothing has been accepted for long",
-            Ended::Interrupted => INTERRUPTED,
+            PlayEnd::Over => return None,
+            PlayEnd::OutOfPatience => "given up: nothing has been accepted for long",
+            PlayEnd::Interrupted => INTERRUPTED,
         };
         let waits = self.boards.iter().filter(|board| !board.waits_for.is_empty());
         let waits = waits.map(|board| format!("{} waits for {}", board.name, board.waits_for.join(", ")));
@@ -306,7 +306,7 @@ impl<J: Job> Play<J> {
             steps += 1;
             if (steps % STEPS_PER_LOOK == 0 || session.is_shown()) && has_come(interrupted.as_mut()).await {
                 let now = if session.pace() == Pace::Max { Instant::START } else { session.allowed().until };
-                break (Ended::Interrupted, now.max(session.rig().engine().frontier()));
+                break (PlayEnd::Interrupted, now.max(session.rig().engine().frontier()));
             }
             if more {
                 continue;
@@ -314,10 +314,10 @@ impl<J: Job> Play<J> {
             reached = reached.max(limit.until);
             let quiet = session.quiet_since();
             if let Some(since) = quiet.filter(|since| *since < reached) {
-                break (Ended::Over, since.next());
+                break (PlayEnd::Over, since.next());
             }
             if limit.until == player.deadline(&session, self.patience) {
-                break (if player.over.is_some() { Ended::Over } else { Ended::OutOfPatience }, reached);
+                break (if player.over.is_some() { PlayEnd::Over } else { PlayEnd::OutOfPatience }, reached);
             }
             if session.pace() == Pace::Max {
                 allowed = session.allowed();
@@ -333,7 +333,7 @@ impl<J: Job> Play<J> {
                 next = next.min(kept_up + every);
             }
             tokio::select! {
-                () = &mut interrupted => break (Ended::Interrupted, session.allowed().until),
+                () = &mut interrupted => break (PlayEnd::Interrupted, session.allowed().until),
                 waited = session.wait(next) => waited?,
             }
             allowed = session.allowed();

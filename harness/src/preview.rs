@@ -14,7 +14,7 @@ use torno_servo::{Finding, Language, Limits, Severity, compile};
 
 use crate::job::{FrameJob, Job, LineJob};
 use crate::planning::Text;
-use crate::play::{Ended, Play, Played, Progress};
+use crate::play::{Play, PlayEnd, Played, Progress};
 use crate::report::{EventSummary, failures};
 use crate::rig::Driver;
 use crate::rig::file::RigFile;
@@ -179,7 +179,7 @@ impl<J: Job> Rehearsed<J> {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build().ok()?;
         let played = runtime.block_on(play.record(None, progress, interrupted)).ok()?;
         // What is seen at once may have happened long before.
-        let over = over.filter(|_| played.ended != Ended::OutOfPatience).map(|over| over.min(played.end));
+        let over = over.filter(|_| played.ended != PlayEnd::OutOfPatience).map(|over| over.min(played.end));
         let idle = played.idle_after.map(|idle| Instant::START + idle);
         Some(Self { over: over.map(|over| idle.unwrap_or(over)), played })
     }

@@ -64,9 +64,9 @@ pub struct Tracking {
 }
 
 /// A motor of which a board tells set point and position: name, unit, and the numbers of the two.
-type Told = (String, &'static str, u8, u8);
+type TrackedMotor = (String, &'static str, u8, u8);
 
-fn tracked(description: &Description) -> Vec<Told> {
+fn tracked(description: &Description) -> Vec<TrackedMotor> {
     let of = |motor: u8, role: Role| {
         let mut signals = (0u8..).zip(&description.signals);
         let (n, signal) = signals.find(|(_, signal)| signal.motor == Some(motor) && signal.role == role)?;

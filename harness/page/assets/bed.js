@@ -115,7 +115,7 @@ export class Bed {
   }
 
   /** What is shown is the bed, until something is made: then it reaches as far as the tool has been since. Says whether
-   * all must be drawn anew. */
+   * all must be redrawn. */
   #look(...places) {
     const width = size(this.element)[0] || 300;
     const old = this.#view;

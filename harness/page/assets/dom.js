@@ -32,7 +32,7 @@ export function set(element, name, value) {
   if (element.getAttribute(name) !== text) element.setAttribute(name, text);
 }
 
-/** A select of values and their texts; `text` says them anew in another language. */
+/** A select of values and their texts; `text` shows them again in another language. */
 export function fill(select, values, text, chosen) {
   const value = select.value || chosen;
   select.replaceChildren(...values.map((value) => make("option", { value }, text(value))));
@@ -53,13 +53,13 @@ export function pressable(element, press) {
   return element;
 }
 
-/** What sizes elements have, as the browser has last said: to ask it lays the page out anew. */
+/** What sizes elements have, as the browser has last said: to ask it lays the page out again. */
 const sizes = new WeakMap();
 const watching = new ResizeObserver((changes) => {
   for (const { target, contentRect: { width, height } } of changes) {
     sizes.set(target, [Math.round(width), Math.round(height)]);
   }
-  // Whoever draws by a size draws anew.
+  // Whoever draws by a size draws again.
   dispatchEvent(new Event("resize"));
 });
 

@@ -31,11 +31,11 @@ pub struct Chart {
     /// What the time is counted in.
     pub unit: &'static str,
     /// The rows, from above.
-    pub rows: Vec<Row>,
+    pub rows: Vec<ChartRow>,
 }
 
 /// A row of a chart.
-pub struct Row {
+pub struct ChartRow {
     /// What it is.
     pub label: String,
     /// Its unit, or more about it.
@@ -54,14 +54,14 @@ pub struct Row {
     pub size: (u32, u32),
 }
 
-impl Default for Row {
+impl Default for ChartRow {
     fn default() -> Self {
         let (label, unit, axes, data) = (String::new(), String::new(), String::new(), String::new());
         Self { label, unit, keys: Vec::new(), height: 0, gap: 0, axes, data, size: Self::UNITS }
     }
 }
 
-impl Row {
+impl ChartRow {
     /// The width along which the time goes, in px.
     pub const ALONG: u32 = ALONG;
     /// The usual size of what goes with the time: far finer than what is seen.
@@ -149,7 +149,7 @@ impl Chart {
     }
 }
 
-impl Row {
+impl ChartRow {
     fn write(&self, svg: &mut String, y: u32) {
         let Self { label, unit, height, size: (units, high), .. } = self;
         let (left, middle) = (SIDES.0, if *height < 40 { height / 2 + 4 } else { 15 });

@@ -9,7 +9,7 @@ mod chart;
 mod colours;
 mod figure;
 
-pub use chart::{Chart, Row};
+pub use chart::{Chart, ChartRow};
 pub use colours::{Colouring, Colours};
 pub use figure::{Figure, Format, Panel, PlotError, Series, Style};
 

@@ -2,11 +2,11 @@
 
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is an answer")]
 
-use torno_plot::{Chart, Row, Series, Style};
+use torno_plot::{Chart, ChartRow, Series, Style};
 
 fn chart(series: &[Series]) -> String {
-    let row = Row { label: "a < b".to_owned(), gap: 16, ..Row::of_series(series, (0.0, 10.0), 92, 1.0) };
-    let rows = vec![row, Row { height: 22, ..Row::default() }];
+    let row = ChartRow { label: "a < b".to_owned(), gap: 16, ..ChartRow::of_series(series, (0.0, 10.0), 92, 1.0) };
+    let rows = vec![row, ChartRow { height: 22, ..ChartRow::default() }];
     Chart { id: "it".to_owned(), title: "speed".to_owned(), range: (0.0, 10.0), unit: "s", rows }.svg()
 }
 

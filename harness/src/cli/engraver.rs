@@ -70,7 +70,7 @@ impl Arguments {
 }
 
 /// A way with the name of its loop.
-type Way = (&'static str, Tracking);
+type NamedTracking = (&'static str, Tracking);
 
 impl CompareArguments {
     async fn run(self) -> anyhow::Result<ExitCode> {
@@ -94,7 +94,7 @@ impl CompareArguments {
         let mut interrupt = Interrupt::listen()?;
         let plays = async {
             let mut rows = Vec::new();
-            let mut ways: Vec<Way> = Vec::new();
+            let mut ways: Vec<NamedTracking> = Vec::new();
             for (loop_name, settings) in LOOPS {
                 let set = |file: RigFile, setting: &&str| file.set(&format!("{board}.loop.{setting}"));
                 let file = settings.iter().try_fold(file.clone(), set).map_err(anyhow::Error::msg)?;
@@ -162,7 +162,7 @@ async fn play(
 }
 
 /// The ways below one another.
-fn figure(program: &str, ways: &[Way]) -> Figure {
+fn figure(program: &str, ways: &[NamedTracking]) -> Figure {
     let panels = ways.iter().filter_map(|(name, way)| way.magnified(name)).map(Panel::to_scale).collect();
     Figure { title: format!("{program}: where each loop goes"), panels }
 }

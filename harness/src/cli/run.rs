@@ -10,7 +10,7 @@ use torno::kept::KeptFile;
 use torno::observe::stderr::say;
 use torno::pace::Pace;
 use torno::pins::pins;
-use torno::play::{Ended, Play, Played, Progress};
+use torno::play::{Play, PlayEnd, Played, Progress};
 use torno::report::page::Page;
 use torno::report::{Bar, BoardSummary, Cut, FaultSummary, Frames, Lines, Readout, Stats, Summary, failures};
 use torno::rig::file::RigFile;
@@ -235,9 +235,9 @@ impl Arguments {
         }
         let as_required = cut.as_ref().is_none_or(|cut| cut.summary.is_as_required());
         let code = match played.ended {
-            Ended::Interrupted => ExitCode::from(INTERRUPTED),
-            Ended::Over if played.outcome == Outcome::Completed && as_required => ExitCode::SUCCESS,
-            Ended::Over | Ended::OutOfPatience => ExitCode::from(FAILED),
+            PlayEnd::Interrupted => ExitCode::from(INTERRUPTED),
+            PlayEnd::Over if played.outcome == Outcome::Completed && as_required => ExitCode::SUCCESS,
+            PlayEnd::Over | PlayEnd::OutOfPatience => ExitCode::from(FAILED),
         };
         let (part, trace) = (cut.as_ref().map(|cut| cut.summary.clone()), played.trace.take());
         let summary = Summary { part, ..summary(played, rig, program_name, seed, started) };

@@ -2,7 +2,7 @@
 
 use std::fmt::{self, Display, Write};
 
-use torno_plot::{Chart, Row, Series, Style, escaped};
+use torno_plot::{Chart, ChartRow, Series, Style, escaped};
 
 use super::part::sizes;
 use super::series::{Course, Courses, Motion, decimated, lasting};
@@ -16,7 +16,7 @@ use torno_trace::Trace;
 const STYLE: &str = include_str!("page/style.css");
 const SCRIPT: &str = include_str!("page/zoom.js");
 /// Columns that a line is drawn in: two for each px of a chart, for whoever looks closer.
-const COLUMNS: u64 = 2 * Row::ALONG as u64;
+const COLUMNS: u64 = 2 * ChartRow::ALONG as u64;
 /// So much of what was done to the rig is in the summary.
 const NAMED: usize = 20;
 /// So many kinds of messages of a line are told apart in the figures.
@@ -138,7 +138,7 @@ impl Page<'_> {
                 let keys = courses.iter().map(|(name, _)| *name).filter(|_| courses.len() > 1).collect();
                 let series: Vec<Series> = courses.iter().map(|course| series(*course, worth)).collect();
                 let (label, unit) = (label.to_owned(), unit.to_owned());
-                rows.push(Row { label, unit, keys, gap, ..Row::of_series(&series, range, height, worth) });
+                rows.push(ChartRow { label, unit, keys, gap, ..ChartRow::of_series(&series, range, height, worth) });
             };
         let (unit, physical) = (&motion.unit, motion.physical);
         let mut courses = vec![(motion.what, &motion.got)];

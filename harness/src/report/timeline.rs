@@ -4,7 +4,7 @@
 
 use std::fmt::Write;
 
-use torno_plot::{Chart, Row, escaped};
+use torno_plot::{Chart, ChartRow, escaped};
 use torno_protocol::time::Instant;
 
 use super::series::{Course, Courses, lasting};
@@ -168,13 +168,13 @@ impl<'a> Bus<'a> {
     /// All of it, over the whole time.
     pub(super) fn chart(&self) -> Chart {
         let mut rows = Vec::new();
-        let columns = (MOST / self.lines.len().max(1) as u64).min(u64::from(Row::ALONG) * 3);
+        let columns = (MOST / self.lines.len().max(1) as u64).min(u64::from(ChartRow::ALONG) * 3);
         let mut before = None;
         for (n, line) in self.lines.iter().enumerate() {
             let link = ends(&self.layout.lines[*line]);
             let gap = if before.replace(link) == Some(link) || n == 0 { 2 } else { 14 };
             let data = self.marks(&self.said(*line), columns);
-            rows.push(Row { label: self.name(*line), height: 22, gap, data, ..Row::default() });
+            rows.push(ChartRow { label: self.name(*line), height: 22, gap, data, ..ChartRow::default() });
             let next = self.lines.get(n + 1).map(|line| &self.layout.lines[*line]);
             if next.is_none_or(|next| ends(next) != link) {
                 rows.extend(self.states.iter().filter(|state| state.of == link).map(|state| self.state_row(state)));
@@ -185,7 +185,7 @@ impl<'a> Bus<'a> {
             let said: Vec<BusMessage> = self.inputs.iter().map(said).collect();
             let data = self.marks(&said.iter().collect::<Vec<_>>(), columns);
             let label = "from outside".to_owned();
-            rows.push(Row { label, height: 22, gap: 14, data, ..Row::default() });
+            rows.push(ChartRow { label, height: 22, gap: 14, data, ..ChartRow::default() });
         }
         Chart {
             id: "chart-bus".to_owned(),
@@ -197,7 +197,7 @@ impl<'a> Bus<'a> {
     }
 
     fn x(&self, at: Instant) -> f64 {
-        at.as_nanos() as f64 / self.until.as_nanos().max(1) as f64 * f64::from(Row::UNITS.0)
+        at.as_nanos() as f64 / self.until.as_nanos().max(1) as f64 * f64::from(ChartRow::UNITS.0)
     }
 
     /// A mark for each thing, or for all of a kind that one column would show in one place.
@@ -225,7 +225,7 @@ impl<'a> Bus<'a> {
         svg
     }
 
-    fn state_row(&self, state: &State) -> Row {
+    fn state_row(&self, state: &State) -> ChartRow {
         let mut data = String::new();
         for (from, to) in &state.spans {
             let (a, b) = (self.x(*from), self.x(*to));
@@ -242,7 +242,7 @@ impl<'a> Bus<'a> {
                 escaped(&title)
             );
         }
-        Row { label: state.name.clone(), height: 12, gap: 5, data, ..Row::default() }
+        ChartRow { label: state.name.clone(), height: 12, gap: 5, data, ..ChartRow::default() }
     }
 
     /// From where to where it is shown close up, in seconds: what the PC said first, and what came of it at once.
@@ -266,7 +266,7 @@ impl<'a> Bus<'a> {
     /// The first that the PC said, close up: every character.
     pub(super) fn close_up(&self) -> Option<Chart> {
         let range = self.first_burst()?;
-        let x = |seconds: f64| (seconds - range.0) / (range.1 - range.0) * f64::from(Row::ALONG);
+        let x = |seconds: f64| (seconds - range.0) / (range.1 - range.0) * f64::from(ChartRow::ALONG);
         let within = |said: &&BusMessage| (range.0..=range.1).contains(&said.at.as_secs_f64());
         let mut rows = Vec::new();
         for line in &self.lines {
@@ -282,7 +282,7 @@ impl<'a> Bus<'a> {
             for said in &characters {
                 // It is told in the middle of its stop bit.
                 let from = x(said.at.as_secs_f64() - 0.95 * length);
-                let width = length / (range.1 - range.0) * f64::from(Row::ALONG);
+                let width = length / (range.1 - range.0) * f64::from(ChartRow::ALONG);
                 let class = if said.flaw { "flaw" } else { "character" };
                 let _ = write!(
                     data,
@@ -303,10 +303,10 @@ impl<'a> Bus<'a> {
                 let from = x(first.as_secs_f64() - 0.95 * length);
                 // Short messages may begin further left, if there is room.
                 let wide = width_of(&said.text);
-                let from = from.min(f64::from(Row::ALONG) - wide).max(free);
+                let from = from.min(f64::from(ChartRow::ALONG) - wide).max(free);
                 let room = messages
                     .get(n + 1)
-                    .map_or(f64::from(Row::ALONG), |next| x(next.at.as_secs_f64() - length).max(from));
+                    .map_or(f64::from(ChartRow::ALONG), |next| x(next.at.as_secs_f64() - length).max(from));
                 let shown = fitting(&said.text, room - from);
                 free = from + width_of(&shown) + 10.0;
                 let _ = write!(
@@ -317,13 +317,13 @@ impl<'a> Bus<'a> {
                     escaped(&said.text)
                 );
             }
-            rows.push(Row {
+            rows.push(ChartRow {
                 label: self.name(*line),
                 height: 46,
                 gap: 6,
                 data,
-                size: (Row::ALONG, 46),
-                ..Row::default()
+                size: (ChartRow::ALONG, 46),
+                ..ChartRow::default()
             });
         }
         Some(Chart {

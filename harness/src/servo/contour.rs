@@ -2,7 +2,7 @@
 
 use torno_servo::contour::{Axes, Point, Shape, Task};
 
-use super::controller::{Controller, ControllerError, Ended, Gain};
+use super::controller::{Controller, ControllerError, Gain, RunEnd};
 use super::line::RigLine;
 use crate::rig::Driver;
 use crate::rig::file::RigFile;
@@ -52,7 +52,7 @@ pub async fn drive(file: &RigFile, task: Task, kx: [u8; 2], tau_s: f64) -> Resul
             driven.push((counts[sample.tick - 1] - sample.error) as f64 / COUNTS_PER_MM);
             true
         });
-        if run.await? != Ended::Completed {
+        if run.await? != RunEnd::Completed {
             let on = format!("axis {axis}");
             return Err(ControllerError::Silent { on, ticks: driven.len(), of: increments.len() });
         }

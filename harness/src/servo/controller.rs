@@ -39,7 +39,7 @@ pub struct Sample {
 
 /// How a run ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Ended {
+pub enum RunEnd {
     /// With the program.
     Completed,
     /// Before: the controller is there, and has ended it. Why, its LEDs say.
@@ -246,7 +246,7 @@ impl<L: ServoLine> Controller<L> {
         &mut self,
         increments: usize,
         mut heard: impl FnMut(Sample) -> bool,
-    ) -> Result<Ended, ControllerError> {
+    ) -> Result<RunEnd, ControllerError> {
         self.line.receive(Duration::ZERO).await?;
         self.say(&Command::Run).await?;
         let (mut tick, mut errors) = (0, Unwrapped::default());
@@ -254,7 +254,7 @@ impl<L: ServoLine> Controller<L> {
             let bytes = self.line.receive(SILENCE).await?;
             if bytes.is_empty() {
                 return match self.check_link().await {
-                    Ok(()) => Ok(Ended::Early),
+                    Ok(()) => Ok(RunEnd::Early),
                     Err(ControllerError::NoAnswer { on }) => {
                         Err(ControllerError::Silent { on, ticks: tick, of: increments })
                     }
@@ -266,11 +266,11 @@ impl<L: ServoLine> Controller<L> {
                 let shown = shown(byte);
                 if !heard(Sample { tick, error: errors.push(shown), shown }) {
                     self.stop().await?;
-                    return Ok(Ended::Interrupted);
+                    return Ok(RunEnd::Interrupted);
                 }
             }
         }
-        Ok(Ended::Completed)
+        Ok(RunEnd::Completed)
     }
 
     /// Stops a run; says so again while the controller goes on sending.

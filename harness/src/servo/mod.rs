@@ -9,6 +9,6 @@ pub mod controller;
 pub mod line;
 pub mod report;
 
-pub use controller::{Controller, ControllerError, Ended, Gain, Sample};
+pub use controller::{Controller, ControllerError, Gain, RunEnd, Sample};
 pub use line::{LineError, RigLine, SerialDevice, ServoLine};
 pub use report::Report;

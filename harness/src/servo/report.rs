@@ -5,7 +5,7 @@ use std::fmt::Write;
 use serde_json::{Value, json};
 use torno_servo::{Program, TICKS_PER_S};
 
-use super::controller::{Ended, Sample};
+use super::controller::{RunEnd, Sample};
 use torno_trace::{End, Trace};
 
 use crate::physical::{Physical, board};
@@ -32,7 +32,7 @@ pub struct Report {
     /// Counts of a mm.
     pub counts_per_mm: f64,
     /// How it ended.
-    pub ended: Ended,
+    pub ended: RunEnd,
     /// The set point at each tick of the program, in counts from its beginning.
     pub set_points: Vec<i64>,
     /// What the controller told of each tick that took place.
@@ -41,7 +41,7 @@ pub struct Report {
     pub rig: Option<(End, Vec<EndedBoard>)>,
 }
 
-impl Ended {
+impl RunEnd {
     /// The word for it.
     pub const fn name(self) -> &'static str {
         match self {

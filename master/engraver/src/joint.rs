@@ -7,7 +7,7 @@ use torno_protocol::board::{Deadline, Output, Pin, PinOutput};
 use torno_protocol::line::Level;
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::train::Train;
-use torno_stepper::{Alarm, Axis, Event, State, Stats};
+use torno_stepper::{Alarm, Axis, LoopEvent, State, Stats};
 
 use crate::probe::Probe;
 
@@ -25,7 +25,7 @@ const WHILE_MOVING: usize = 3;
 
 /// What has come of an axis's loop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Said {
+pub(crate) enum LoopReport {
     /// Its train has stopped.
     Stopped,
     /// The encoder's index mark has passed.
@@ -336,20 +336,20 @@ impl Joint {
     }
 
     /// What its loop has done; None if that is all.
-    pub(crate) fn poll(&mut self, now: Instant) -> Option<Said> {
+    pub(crate) fn poll(&mut self, now: Instant) -> Option<LoopReport> {
         loop {
             match self.axis.poll_event()? {
-                Event::Stop => {
+                LoopEvent::Stop => {
                     self.put_nothing(now);
-                    return Some(Said::Stopped);
+                    return Some(LoopReport::Stopped);
                 }
-                Event::Correct { forward, train } => self.put(forward, train),
-                Event::Resume { .. } => {}
-                Event::Index => return Some(Said::Index),
-                Event::Miscounted(counts) => return Some(Said::Miscounted(counts)),
-                Event::Alarm(alarm) => {
+                LoopEvent::Correct { forward, train } => self.put(forward, train),
+                LoopEvent::Resume { .. } => {}
+                LoopEvent::Index => return Some(LoopReport::Index),
+                LoopEvent::Miscounted(counts) => return Some(LoopReport::Miscounted(counts)),
+                LoopEvent::Alarm(alarm) => {
                     self.put_nothing(now);
-                    return Some(Said::Alarm(alarm));
+                    return Some(LoopReport::Alarm(alarm));
                 }
             }
         }

@@ -19,7 +19,7 @@ use torno_protocol::time::{Instant, Span};
 use torno_stepper::{Axis, AxisSettings, Cause, Fault, Law, State};
 
 use crate::homing::{Homing, Next, Surroundings, found_at};
-use crate::joint::{self, Joint, Piece, Said};
+use crate::joint::{self, Joint, LoopReport, Piece};
 use crate::motions::Motions;
 use crate::settings::{EngraverSettings, Others};
 
@@ -147,10 +147,10 @@ impl Machine {
                 }
                 while let Some(said) = self.joints[n].poll(now) {
                     match said {
-                        Said::Stopped => self.stopped(now, n),
-                        Said::Alarm(alarm) => self.give_up(now, n, alarm),
-                        Said::Index => self.pass_index(now, n),
-                        Said::Miscounted(counts) => self.tell_miscounted(n, counts),
+                        LoopReport::Stopped => self.stopped(now, n),
+                        LoopReport::Alarm(alarm) => self.give_up(now, n, alarm),
+                        LoopReport::Index => self.pass_index(now, n),
+                        LoopReport::Miscounted(counts) => self.tell_miscounted(n, counts),
                     }
                     more = true;
                 }

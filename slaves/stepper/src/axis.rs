@@ -18,7 +18,7 @@ use crate::watch::{Checks, Reckoning, Watch, index_mark};
 
 /// Something that the loop does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Event {
+pub enum LoopEvent {
     /// The train has stopped: no pulse of it begins from now on. [`Axis::issued`] says how many have.
     Stop,
     /// The loop adds these pulses, which the program does not know.
@@ -133,7 +133,7 @@ pub struct Axis {
     seeks: bool,
     /// What the count is beyond whole turns where the index mark is, once one has been sought.
     index: Option<i64>,
-    events: VecDeque<Event>,
+    events: VecDeque<LoopEvent>,
 }
 
 impl Axis {
@@ -172,7 +172,7 @@ impl Axis {
     /// The program's pulses from now on, instead of those that have not begun.
     ///
     /// While the loop corrects, and after an alarm, no train is taken. Where the sense changes and backlash is paid in
-    /// advance, it is not taken either: [`Event::Stop`] tells.
+    /// advance, it is not taken either: [`LoopEvent::Stop`] tells.
     pub fn train(&mut self, now: Instant, forward: bool, train: Train) {
         self.pass(now);
         if !matches!(self.phase, Phase::Watching) {
@@ -182,7 +182,7 @@ impl Axis {
         if sense != self.sense && self.control.backlash > 0 {
             self.sense = sense;
             self.machine.cut();
-            self.events.push_back(Event::Stop);
+            self.events.push_back(LoopEvent::Stop);
             self.stats.backlash_pulses += self.control.backlash.unsigned_abs();
             if self.machine.on_motor {
                 // The motor is to turn by them, and the loop to know it.
@@ -218,7 +218,7 @@ impl Axis {
         self.look();
     }
 
-    /// The next index mark (Z) of the encoder that the carriage passes is told as [`Event::Index`].
+    /// The next index mark (Z) of the encoder that the carriage passes is told as [`LoopEvent::Index`].
     ///
     /// From then on the firmware knows what its count is to be at each mark, and finds what has been lost.
     pub fn seek_index(&mut self, now: Instant) {
@@ -264,7 +264,7 @@ impl Axis {
             Phase::Adding { settle: true, .. } => self.enter(Phase::Settling(now + self.control.settle)),
             Phase::Adding { settle: false, .. } => {
                 self.enter(Phase::Watching);
-                self.events.push_back(Event::Resume { ramp: self.control.law == Law::Pause });
+                self.events.push_back(LoopEvent::Resume { ramp: self.control.law == Law::Pause });
             }
             Phase::Alarmed => {}
         }
@@ -272,7 +272,7 @@ impl Axis {
     }
 
     /// What the loop has done; after each call until there is none.
-    pub fn poll_event(&mut self) -> Option<Event> {
+    pub fn poll_event(&mut self) -> Option<LoopEvent> {
         self.events.pop_front()
     }
 
@@ -469,13 +469,13 @@ impl Axis {
         if let Some(counts) = self.miscounted() {
             if let Some(known) = self.index.filter(|known| *known != counts) {
                 self.reckoning.zero_total += counts - known;
-                self.events.push_back(Event::Miscounted(known - counts));
+                self.events.push_back(LoopEvent::Miscounted(known - counts));
             }
             self.index = Some(counts);
         }
         if self.seeks {
             self.seeks = false;
-            self.events.push_back(Event::Index);
+            self.events.push_back(LoopEvent::Index);
         }
     }
 
@@ -522,7 +522,7 @@ impl Axis {
         let error = self.err();
         let hz = self.machine.run.map(|run| run.hz);
         self.machine.cut();
-        self.events.push_back(Event::Stop);
+        self.events.push_back(LoopEvent::Stop);
         if error.saturating_abs() > self.control.stop {
             self.give_up(Cause::TooFar);
         } else if self.control.law == Law::AtOnce {
@@ -543,7 +543,7 @@ impl Axis {
         match self.control.judge(self.err()) {
             Verdict::Quiet => {
                 self.enter(Phase::Watching);
-                self.events.push_back(Event::Resume { ramp: self.control.law == Law::Pause });
+                self.events.push_back(LoopEvent::Resume { ramp: self.control.law == Law::Pause });
             }
             Verdict::Correct(pulses) => {
                 self.stats.corrections += 1;
@@ -562,7 +562,7 @@ impl Axis {
         self.machine.feed(&train, pulses.signum(), true);
         let stop = self.control.stop_of_added(self.err());
         self.enter(Phase::Adding { until: train.end(), settle, stop });
-        self.events.push_back(Event::Correct { forward: pulses > 0, train });
+        self.events.push_back(LoopEvent::Correct { forward: pulses > 0, train });
     }
 
     fn give_up(&mut self, cause: Cause) {
@@ -570,6 +570,6 @@ impl Axis {
         self.machine.cut();
         self.enter(Phase::Alarmed);
         self.stats.alarms += 1;
-        self.events.push_back(Event::Alarm(Alarm { cause, error_pm }));
+        self.events.push_back(LoopEvent::Alarm(Alarm { cause, error_pm }));
     }
 }

@@ -116,7 +116,7 @@ impl ClosedLoop {
         }
     }
 
-    /// The loop begins anew with its tries.
+    /// The loop begins again with its tries.
     pub(crate) const fn restart(&mut self) {
         (self.tries, self.best) = (0, None);
     }

@@ -15,7 +15,7 @@ const MOST: u64 = 1 << 30;
 
 /// A train under way, or to come.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Run {
+pub(crate) struct ScheduledTrain {
     ticks: Ticks,
     count: u64,
     pub(crate) first: Instant,
@@ -53,7 +53,7 @@ impl Grid {
     }
 }
 
-impl Run {
+impl ScheduledTrain {
     /// A substep is at most so many nanoseconds and units: `substep`.
     pub(crate) fn new(train: &Train, sense: i64, extra: bool, lost: bool, pulse: i64, substep: (i64, i64)) -> Self {
         let count = train.count.min(MOST);
@@ -173,14 +173,14 @@ impl Drive {
     }
 
     /// From now on every `every`th pulse is lost; 0 heals.
-    pub(crate) fn skip(&mut self, every: u32, run: Option<&Run>) {
+    pub(crate) fn skip(&mut self, every: u32, run: Option<&ScheduledTrain>) {
         self.every = every.into();
         // The pulse under way is taken, or not, as before.
         self.before = self.pulses + run.map_or(0, |run| (run.reached + run.pulse - 1) / run.pulse);
     }
 
     /// Whether the pulse under way is lost, and how many units of the train go like that.
-    pub(crate) fn part(&self, run: &Run) -> (bool, i64) {
+    pub(crate) fn part(&self, run: &ScheduledTrain) -> (bool, i64) {
         let left = run.count() * run.pulse - run.reached;
         if run.lost || self.every == 0 {
             return (run.lost, left);
@@ -195,7 +195,7 @@ impl Drive {
         (false, (rest + taken * run.pulse).min(left))
     }
 
-    pub(crate) const fn over(&mut self, run: &Run) {
+    pub(crate) const fn over(&mut self, run: &ScheduledTrain) {
         self.pulses += run.count();
     }
 }
@@ -211,8 +211,9 @@ mod tests {
 
     #[test]
     fn the_field_moves_evenly_while_a_pulse_lasts() {
-        let mut run = Run::new(&train(100, 50, 3), 1, false, false, 1_000, (100_000, 1_000));
-        let at = |run: &Run| [0, 100, 101, 125, 150, 249, 250, 900].map(|ns| run.at(Instant::from_nanos(ns)));
+        let mut run = ScheduledTrain::new(&train(100, 50, 3), 1, false, false, 1_000, (100_000, 1_000));
+        let at =
+            |run: &ScheduledTrain| [0, 100, 101, 125, 150, 249, 250, 900].map(|ns| run.at(Instant::from_nanos(ns)));
         assert_eq!(at(&run), [0, 0, 20, 500, 1_000, 2_980, 3_000, 3_000]);
         assert_eq!([0, 20, 1_000, 2_500].map(|units| run.when(units).as_nanos()), [100, 101, 150, 225]);
         // The pulse that has begun is completed.
@@ -232,7 +233,7 @@ mod tests {
     #[test]
     fn one_pulse_of_so_many_is_lost() {
         let mut drive = Drive::new(&DriveSettings::default());
-        let mut run = Run::new(&train(0, 50, 10), 1, false, false, 1_000, (100_000, 1_000));
+        let mut run = ScheduledTrain::new(&train(0, 50, 10), 1, false, false, 1_000, (100_000, 1_000));
         run.reached = 1_500;
         drive.skip(3, Some(&run));
         let mut parts = Vec::new();
@@ -244,7 +245,7 @@ mod tests {
         // The fifth and the eighth.
         assert_eq!(parts, [(false, 2_500), (true, 1_000), (false, 2_000), (true, 1_000), (false, 2_000)]);
         drive.over(&run);
-        let run = Run::new(&train(0, 50, 10), 1, false, false, 1_000, (100_000, 1_000));
+        let run = ScheduledTrain::new(&train(0, 50, 10), 1, false, false, 1_000, (100_000, 1_000));
         assert_eq!(drive.part(&run), (true, 1_000));
     }
 }

@@ -18,8 +18,9 @@
 //! # Driving it
 //!
 //! An [`Axis`] is told its trains at the beginning of each segment. When its loop finds an error, it stops the train by
-//! itself ([`Event::Stop`]), adds pulses ([`Event::Correct`]), and says when the program may go on ([`Event::Resume`])
-//! or that it gives up ([`Event::Alarm`]). Whether the other axes wait meanwhile is up to the board.
+//! itself ([`LoopEvent::Stop`]), adds pulses ([`LoopEvent::Correct`]), and says when the program may go on
+//! ([`LoopEvent::Resume`]) or that it gives up ([`LoopEvent::Alarm`]). Whether the other axes wait meanwhile is up to
+//! the board.
 
 mod axis;
 mod closed_loop;
@@ -38,7 +39,7 @@ mod swing;
 mod timer;
 mod watch;
 
-pub use axis::{Alarm, Axis, Event, State, Stats};
+pub use axis::{Alarm, Axis, LoopEvent, State, Stats};
 pub use closed_loop::Cause;
 pub use encoder::Channels;
 pub use fault::{Channel, Fault};

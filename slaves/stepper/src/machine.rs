@@ -6,7 +6,7 @@
 use torno_protocol::time::Instant;
 use torno_protocol::train::Train;
 
-use crate::drive::{Drive, Run};
+use crate::drive::{Drive, ScheduledTrain};
 use crate::encoder::{Channels, Encoder};
 use crate::plant::{Piece, Plant, SUBSTEPS_OF_A_TURN};
 use crate::scale::Scale;
@@ -22,9 +22,9 @@ pub(crate) struct Machine {
     pub(crate) encoder: Encoder,
     /// The encoder is on the motor's shaft.
     pub(crate) on_motor: bool,
-    pub(crate) run: Option<Run>,
+    pub(crate) run: Option<ScheduledTrain>,
     /// A train that has not begun.
-    next: Option<Run>,
+    next: Option<ScheduledTrain>,
     /// The end and the sense of the last train, and its last pulse.
     last: Option<(Instant, i64, Instant)>,
     /// Pulses of the program whose periods are over: with their sense, and all of them.
@@ -44,7 +44,7 @@ pub(crate) struct Stretch<'a> {
     begin: Instant,
     end: Instant,
     /// The train under way, and how far it comes, in units.
-    pub(crate) run: Option<(&'a Run, i64, i64)>,
+    pub(crate) run: Option<(&'a ScheduledTrain, i64, i64)>,
     /// Where the sensor is at the beginning.
     pub(crate) sensed: i64,
     /// How the sensor moves while the train goes a unit: 1, 0 or −1.
@@ -173,7 +173,7 @@ impl Machine {
 
     /// The program's pulses that have begun before `t`, with their sense.
     pub(crate) fn begun(&self, t: Instant) -> i64 {
-        let begun = |run: &Run| if run.extra { 0 } else { run.sense * run.begun(t) };
+        let begun = |run: &ScheduledTrain| if run.extra { 0 } else { run.sense * run.begun(t) };
         self.program + [&self.run, &self.next].into_iter().flatten().map(begun).sum::<i64>()
     }
 
@@ -195,7 +195,7 @@ impl Machine {
         self.cut();
         let lost = self.drive.misses(train);
         let substep = (SUBSTEP_NS, self.scale.turn / SUBSTEPS_OF_A_TURN);
-        let next = Run::new(train, sense, extra, lost, self.scale.pulse, substep);
+        let next = ScheduledTrain::new(train, sense, extra, lost, self.scale.pulse, substep);
         if next.count() == 0 {
             return;
         }
@@ -223,7 +223,7 @@ impl Machine {
         }
     }
 
-    fn begin(&mut self, run: Run) {
+    fn begin(&mut self, run: ScheduledTrain) {
         let speed = run.hz * self.scale.pulse_mm();
         let before = self.last.map_or(0.0, |(_, sense, last)| {
             let gap = run.first.since(last).as_secs_f64().max(1e-9);
@@ -235,7 +235,7 @@ impl Machine {
         self.run = Some(run);
     }
 
-    fn over(&mut self, run: &Run) {
+    fn over(&mut self, run: &ScheduledTrain) {
         self.drive.over(run);
         if !run.extra {
             self.program += run.sense * run.count();
@@ -327,7 +327,7 @@ impl Machine {
     /// Goes through a piece of the train, up to `to` at most, which it reaches at `until` or when the train ends.
     fn piece(
         &mut self,
-        run: &mut Run,
+        run: &mut ScheduledTrain,
         to: i64,
         until: Instant,
         watch: &mut impl FnMut(&Self, &Stretch<'_>) -> Option<Instant>,

@@ -5,7 +5,7 @@
 
 use core::f64::consts::TAU;
 
-use crate::drive::Run;
+use crate::drive::ScheduledTrain;
 use crate::mechanics::Mechanics;
 use crate::rotor::{Grip, Load, Next, start_limit, torque};
 use crate::scale::Scale;
@@ -216,7 +216,7 @@ impl Plant {
 
     /// The train goes on by at most `most` units, as far as a piece goes. The drive does, or does not, take the next
     /// `part` of them, which are at least as many.
-    pub(crate) fn piece(&mut self, run: &Run, lost: bool, part: i64, most: i64) -> Piece {
+    pub(crate) fn piece(&mut self, run: &ScheduledTrain, lost: bool, part: i64, most: i64) -> Piece {
         match self.swing {
             Some(swing) => self.swinging(swing, run, lost, part, most),
             None if lost => Piece { units: most, rotor: false, carriage: false, path: None },
@@ -364,7 +364,7 @@ impl Plant {
     }
 
     /// What a rotor that can swing does in a train.
-    fn swinging(&mut self, mut swing: Swing, run: &Run, lost: bool, part: i64, most: i64) -> Piece {
+    fn swinging(&mut self, mut swing: Swing, run: &ScheduledTrain, lost: bool, part: i64, most: i64) -> Piece {
         let (from, field) = (run.reached, if lost { 0.0 } else { self.field_speed });
         let mut piece = Piece { units: most, rotor: false, carriage: false, path: None };
         loop {

@@ -2,7 +2,7 @@
 
 use torno_protocol::time::Instant;
 
-use crate::drive::Run;
+use crate::drive::ScheduledTrain;
 use crate::encoder::Encoder;
 use crate::machine::{Machine, Stretch};
 use crate::search::Staircase;
@@ -187,7 +187,7 @@ pub(crate) fn index_mark(machine: &Machine, stretch: &Stretch<'_>) -> Option<Ins
 fn series(
     machine: &Machine,
     stretch: &Stretch<'_>,
-    (run, from, to): (&Run, i64, i64),
+    (run, from, to): (&ScheduledTrain, i64, i64),
     before: i64,
     every: i64,
 ) -> Option<Series> {

@@ -5,7 +5,7 @@ mod common;
 use common::{Bench, MM, ms, with};
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::train::Train;
-use torno_stepper::{Axis, AxisSettings, Cause, Channel, CountScale, Event, Fault, Law, Mode, Sensor};
+use torno_stepper::{Axis, AxisSettings, Cause, Channel, CountScale, Fault, Law, LoopEvent, Mode, Sensor};
 
 const SPEEDS: [f64; 8] = [0.1, 0.3, 1.0, 3.0, 5.0, 10.0, 17.0, 25.0];
 const MODES: [Mode; 2] = [Mode::Open, Mode::Dynamic];
@@ -290,9 +290,9 @@ fn the_papers_wording_corrects_without_stopping_for_long() {
         let mut bench = Bench::new(&with(|axis| axis.control.law = Law::AtOnce));
         bench.fault(0.0, Fault::Skip(400)).go(10.0, speed);
         assert!(bench.deviation_mm().abs() <= 0.006 && bench.stats().corrections == 2, "{speed}: {:?}", bench.stats());
-        let pauses = bench.events.windows(3).filter(|events| matches!(events[0].1, Event::Stop));
+        let pauses = bench.events.windows(3).filter(|events| matches!(events[0].1, LoopEvent::Stop));
         for pause in pauses {
-            let [(stop, _), (_, Event::Correct { .. }), (resume, Event::Resume { ramp: false })] = pause else {
+            let [(stop, _), (_, LoopEvent::Correct { .. }), (resume, LoopEvent::Resume { ramp: false })] = pause else {
                 panic!("{pause:?}");
             };
             // Four pulses at the rate of the program.
@@ -313,14 +313,14 @@ fn the_index_finds_lost_counts() {
     assert_eq!((axis.count(at - Span::from_nanos(10)), axis.count(at)), (-1, 0));
     bench.axis.seek_index(bench.now);
     bench.go(10.0, 25.0);
-    assert!(matches!(bench.events[..], [(_, Event::Index)]), "{:?}", bench.events);
+    assert!(matches!(bench.events[..], [(_, LoopEvent::Index)]), "{:?}", bench.events);
     // The loop takes two lost counts for lost pulses, and takes the carriage too far; at the next mark it is put right.
     bench.events.clear();
     bench.fault(100.0, Fault::Counts(-2)).go(50.0, 25.0);
     assert!(bench.deviation_mm() < -0.015, "{}", bench.deviation_mm());
     bench.events.clear();
     bench.go(20.0, 25.0);
-    assert!(matches!(bench.events[0], (_, Event::Miscounted(2))), "{:?}", bench.events);
+    assert!(matches!(bench.events[0], (_, LoopEvent::Miscounted(2))), "{:?}", bench.events);
     assert!(bench.deviation_mm().abs() <= 0.01, "{}", bench.deviation_mm());
 }
 
@@ -403,7 +403,7 @@ fn a_check_sees_what_happens_at_its_instant() {
     axis.fault(at, Fault::Counts(-9));
     assert_eq!(axis.poll_timeout().map(|deadline| deadline.at), Some(at));
     axis.handle_timeout(at);
-    assert_eq!((axis.poll_event(), axis.issued(at)), (Some(Event::Stop), 40));
+    assert_eq!((axis.poll_event(), axis.issued(at)), (Some(LoopEvent::Stop), 40));
 }
 
 #[test]

@@ -7,7 +7,7 @@ mod common;
 use common::{Bench, MM, ms, with};
 use torno_protocol::time::Span;
 use torno_protocol::train::Train;
-use torno_stepper::{AxisSettings, Event, Fault, Law, Mode};
+use torno_stepper::{AxisSettings, Fault, Law, LoopEvent, Mode};
 
 fn swinging(change: impl FnOnce(&mut AxisSettings)) -> AxisSettings {
     with(|axis| {
@@ -144,7 +144,7 @@ fn false_alarms(law: Law, rotor_hz: f64, acceleration: f64, smooth: bool, dead_b
         }));
         (bench.smooth, bench.acceleration) = (smooth, acceleration);
         bench.go(10.0, 25.0);
-        let stopped = bench.events.iter().filter(|(_, event)| *event == Event::Stop).count();
+        let stopped = bench.events.iter().filter(|(_, event)| *event == LoopEvent::Stop).count();
         (stops, phases) = (stops + stopped, phases + u32::from(stopped > 0));
         (corrections, alarms) = (corrections + bench.stats().corrections, alarms + bench.stats().alarms);
     }
@@ -187,7 +187,7 @@ fn the_dead_band_stays_what_it_is_with_finer_microsteps() {
                 axis.encoder.phase = f64::from(phase) / 12.0;
             }));
             bench.go(10.0, 25.0);
-            bench.events.iter().filter(|(_, event)| *event == Event::Stop).count()
+            bench.events.iter().filter(|(_, event)| *event == LoopEvent::Stop).count()
         };
         (0..12).map(stops_of).sum::<usize>()
     });
@@ -239,5 +239,5 @@ fn the_index_is_found_however_the_rotor_swings() {
     let at = bench.axis.poll_timeout().map(|deadline| deadline.at).unwrap();
     assert_eq!((bench.axis.count(at - Span::from_nanos(10)), bench.axis.count(at)), (-1, 0));
     bench.axis.handle_timeout(at);
-    assert_eq!(bench.axis.poll_event(), Some(Event::Index));
+    assert_eq!(bench.axis.poll_event(), Some(LoopEvent::Index));
 }

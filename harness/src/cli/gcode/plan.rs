@@ -8,7 +8,7 @@ use std::process::ExitCode;
 use serde_json::json;
 use torno::observe::stderr::say;
 use torno::planning;
-use torno::play::{Ended, Play, Played};
+use torno::play::{Play, PlayEnd, Played};
 use torno::report::Bar;
 use torno::rig::Driver;
 use torno::rig::file::{DEFAULT, RigFile};
@@ -370,7 +370,7 @@ pub(super) async fn play(
         |progress: torno::play::Progress<'_>| bar.update(progress.job.tally.accepted, Some(progress.now), "");
     let played = play.record(None, progress, interrupt.received()).await?;
     bar.clear();
-    Ok((played.ended != Ended::Interrupted).then_some(played))
+    Ok((played.ended != PlayEnd::Interrupted).then_some(played))
 }
 
 impl Reading {

@@ -10,7 +10,7 @@ use torno::report::Status;
 use torno::report::page::Page;
 use torno::servo::controller::parts;
 use torno::servo::report::facts;
-use torno::servo::{Controller, Ended, Report, RigLine, ServoLine};
+use torno::servo::{Controller, Report, RigLine, RunEnd, ServoLine};
 
 use super::{
     FAILED, INTERRUPTED, Interrupt, OutputFile, Paint, Source, Stand, StandOptions, connected, draw, gains,
@@ -120,7 +120,7 @@ impl Arguments {
             on: controller.line().name().to_owned(),
             gains: gains(controller, self.kx, self.kv).await?,
             counts_per_mm: self.stand.counts_per_mm,
-            ended: Ended::Completed,
+            ended: RunEnd::Completed,
             set_points: program.set_points(self.stand.counts_per_mm).collect(),
             samples: Vec::new(),
             rig: None,
@@ -150,10 +150,10 @@ impl Arguments {
                 ended = drive => ended?,
                 () = interrupt.received() => {
                     controller.stop().await?;
-                    Ended::Interrupted
+                    RunEnd::Interrupted
                 }
             };
-            if report.ended != Ended::Completed {
+            if report.ended != RunEnd::Completed {
                 break;
             }
         }
@@ -171,9 +171,9 @@ impl Arguments {
         let text = if self.json { format!("{}\n", report.json()) } else { report.text() };
         print_beside(&[&self.plot, &self.csv, &self.report], &text)?;
         Ok(match report.ended {
-            Ended::Completed => ExitCode::SUCCESS,
-            Ended::Early => ExitCode::from(FAILED),
-            Ended::Interrupted => ExitCode::from(INTERRUPTED),
+            RunEnd::Completed => ExitCode::SUCCESS,
+            RunEnd::Early => ExitCode::from(FAILED),
+            RunEnd::Interrupted => ExitCode::from(INTERRUPTED),
         })
     }
 }

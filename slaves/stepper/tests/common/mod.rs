@@ -9,7 +9,7 @@ use std::collections::VecDeque;
 
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::train::Train;
-use torno_stepper::{Alarm, Axis, AxisSettings, Event, Fault, State, Stats};
+use torno_stepper::{Alarm, Axis, AxisSettings, Fault, LoopEvent, State, Stats};
 
 pub(crate) const MM: i64 = 1_000_000_000;
 
@@ -31,7 +31,7 @@ pub(crate) trait Driven {
     fn end(&mut self, now: Instant);
     fn deadline(&self) -> Option<Instant>;
     fn handle_timeout(&mut self, now: Instant);
-    fn poll_event(&mut self) -> Option<Event>;
+    fn poll_event(&mut self) -> Option<LoopEvent>;
     fn fault(&mut self, now: Instant, fault: Fault);
     fn issued(&self, now: Instant) -> i64;
     fn is_ready(&self) -> bool;
@@ -54,7 +54,7 @@ impl Driven for Axis {
         Self::handle_timeout(self, now);
     }
 
-    fn poll_event(&mut self) -> Option<Event> {
+    fn poll_event(&mut self) -> Option<LoopEvent> {
         Self::poll_event(self)
     }
 
@@ -75,7 +75,7 @@ impl Driven for Axis {
 pub(crate) struct Bench<A = Axis> {
     pub(crate) axis: A,
     pub(crate) now: Instant,
-    pub(crate) events: Vec<(Instant, Event)>,
+    pub(crate) events: Vec<(Instant, LoopEvent)>,
     pulse_mm: f64,
     /// Where the program is to go, in pulses, and how fast.
     target: i64,
@@ -178,7 +178,7 @@ impl<A: Driven> Bench<A> {
 
     pub(crate) fn alarm(&self) -> Option<(Instant, Alarm)> {
         self.events.iter().find_map(|(at, event)| match event {
-            Event::Alarm(alarm) => Some((*at, *alarm)),
+            LoopEvent::Alarm(alarm) => Some((*at, *alarm)),
             _ => None,
         })
     }
@@ -292,18 +292,18 @@ impl<A: Driven> Bench<A> {
         while let Some(event) = self.axis.poll_event() {
             self.events.push((self.now, event));
             match event {
-                Event::Stop => {
+                LoopEvent::Stop => {
                     // The rest of the segment under way is still to come.
                     let left = (self.planned - self.axis.issued(self.now)).unsigned_abs();
                     if left > 0 {
                         self.segments.push_front(Segment { count: left, ..self.current });
                     }
                 }
-                Event::Resume { ramp } => {
+                LoopEvent::Resume { ramp } => {
                     self.ended = false;
                     self.plan(ramp);
                 }
-                Event::Correct { .. } | Event::Index | Event::Miscounted(_) | Event::Alarm(_) => {}
+                LoopEvent::Correct { .. } | LoopEvent::Index | LoopEvent::Miscounted(_) | LoopEvent::Alarm(_) => {}
             }
         }
     }

@@ -5,7 +5,9 @@ use std::collections::VecDeque;
 
 use torno_protocol::time::{Instant, Span};
 use torno_protocol::train::Train;
-use torno_stepper::{Alarm, AxisSettings, Cause, Channel, CountScale, Event, Fault, Law, Mode, PAPER_COUNT_PM, Sensor};
+use torno_stepper::{
+    Alarm, AxisSettings, Cause, Channel, CountScale, Fault, Law, LoopEvent, Mode, PAPER_COUNT_PM, Sensor,
+};
 
 use super::Driven;
 
@@ -78,7 +80,7 @@ pub(crate) struct Slow {
     tries: u32,
     vain: u32,
     best: Option<i64>,
-    events: VecDeque<Event>,
+    events: VecDeque<LoopEvent>,
 }
 
 impl Slow {
@@ -426,7 +428,7 @@ impl Slow {
             return;
         }
         self.cut();
-        self.events.push_back(Event::Stop);
+        self.events.push_back(LoopEvent::Stop);
         if error.abs() > self.stop_pm() {
             return self.give_up(Cause::TooFar);
         }
@@ -453,7 +455,7 @@ impl Slow {
             self.vain += u32::from(first);
             if !(first && self.vain >= 3 && 2 * error.abs() >= self.pulse_pm) {
                 self.phase = Phase::Watching;
-                return self.events.push_back(Event::Resume { ramp: true });
+                return self.events.push_back(LoopEvent::Resume { ramp: true });
             }
         }
         self.vain = 0;
@@ -477,7 +479,7 @@ impl Slow {
         let (check, count) = (self.n * self.pulse_pm, self.count_pm / 2 * 2);
         let stop = (self.stop_pm() - check - count).max(self.error().abs() + count);
         self.phase = Phase::Adding { until: train.end(), settle, stop };
-        self.events.push_back(Event::Correct { forward: pulses > 0, train });
+        self.events.push_back(LoopEvent::Correct { forward: pulses > 0, train });
         self.coming = Some(Run { train, sense: pulses.signum(), extra: true, lost: false, reached: 0.0 });
         self.advance(self.now);
     }
@@ -486,7 +488,7 @@ impl Slow {
         let error_pm = self.error();
         self.cut();
         self.phase = Phase::Alarmed;
-        self.events.push_back(Event::Alarm(Alarm { cause, error_pm }));
+        self.events.push_back(LoopEvent::Alarm(Alarm { cause, error_pm }));
     }
 }
 
@@ -499,7 +501,7 @@ impl Driven for Slow {
         self.program_sense = sense;
         if changes && self.backlash_pulses > 0 {
             self.cut();
-            self.events.push_back(Event::Stop);
+            self.events.push_back(LoopEvent::Stop);
             if self.settings.control.sensor == Sensor::Motor {
                 self.paid += sense * self.backlash_pulses;
             }
@@ -547,7 +549,7 @@ impl Driven for Slow {
                 if now >= until {
                     self.phase = if settle { Phase::Settling(now + self.settle()) } else { Phase::Watching };
                     if !settle {
-                        self.events.push_back(Event::Resume { ramp: true });
+                        self.events.push_back(LoopEvent::Resume { ramp: true });
                     }
                 }
             }
@@ -555,7 +557,7 @@ impl Driven for Slow {
         }
     }
 
-    fn poll_event(&mut self) -> Option<Event> {
+    fn poll_event(&mut self) -> Option<LoopEvent> {
         self.events.pop_front()
     }
 
