@@ -91,7 +91,7 @@ impl From<Series> for DrawnLine {
 }
 
 impl Preview {
-    /// What is known of the program in a text, for this rig. Takes [some seconds](LONGEST) at the most.
+    /// What is known of the program in a text, for this rig. Takes 10 s at the most.
     pub fn of(file: &RigFile, text: &str) -> Self {
         if file.pc.dialect.name() == SERVO {
             return Self::of_motions(text);
