@@ -70,6 +70,8 @@ fn a_run_is_watched_while_it_goes_and_nothing_of_it_is_another() {
     events.find("look", |look| look["state"]["ok"]["program"]["accepted"].as_u64() > Some(2));
     let refused = page.ask(&json!({ "do": "play", "program": SHORT }));
     assert!(refusal(&refused).contains("a run plays its own program"), "{refused}");
+    let before_all = page.ask(&json!({ "do": "past", "ns": -1 }));
+    assert!(refusal(&before_all).contains("-1"), "{before_all}");
     // Time can be held, and a step be taken.
     page.ask(&json!({ "do": "pause" }));
     let stood = page.ask(&json!({ "do": "step", "span": "10 ms" }))["ok"]["ns"].as_u64().unwrap();

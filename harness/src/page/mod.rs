@@ -14,6 +14,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use bytes::Bytes;
+use serde_json::json;
 use tokio::sync::mpsc::Receiver;
 use tokio::task::JoinHandle;
 use torno_page::{Answer, Behind, PageError, Server};
@@ -85,8 +86,13 @@ impl Drop for Page {
 
 impl Behind for Rig {
     async fn ask(&self, request: String) -> Answer {
-        if let Ok(Asked::Past { ns }) = serde_json::from_str(&request) {
-            return Answer::Json(self.hub.past(ns));
+        match serde_json::from_str(&request) {
+            Ok(Asked::Past { ns }) => return Answer::Json(self.hub.past(ns)),
+            Err(error) if error.is_data() => {
+                return Answer::Json(json!({ "error": format!("expected a request: {error}") }).to_string());
+            }
+            // The rig says what else is wrong with it.
+            Ok(Asked::OfRig) | Err(_) => {}
         }
         let reply = self.asker.ask_line(&request, &Rows::nowhere()).await;
         match reply.file {

@@ -45,7 +45,7 @@ impl Told {
     }
 }
 
-/// What a browser asks of the past, and not of the rig.
+/// What a browser asks of the past, or else of the rig.
 #[derive(Debug, Deserialize)]
 #[serde(tag = "do", rename_all = "kebab-case", deny_unknown_fields)]
 pub(super) enum Asked {
@@ -54,6 +54,9 @@ pub(super) enum Asked {
         /// When.
         ns: u64,
     },
+    /// Whatever else is asked.
+    #[serde(other)]
+    OfRig,
 }
 
 impl Past {
@@ -136,6 +139,8 @@ mod tests {
         assert_eq!(given(&Past::new(ROOM), 6), (Vec::new(), Value::Null));
         let asked: Asked = serde_json::from_str(r#"{"do":"past","ns":6}"#).unwrap();
         assert!(matches!(asked, Asked::Past { ns: 6 }));
+        let asked: Asked = serde_json::from_str(r#"{"do":"fault","fault":"x"}"#).unwrap();
+        assert!(matches!(asked, Asked::OfRig));
     }
 
     #[test]
