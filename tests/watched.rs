@@ -3,6 +3,7 @@
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 use std::process::{Child, ChildStdout, Stdio};
+use std::time::Instant;
 
 use serde_json::{Value, json};
 use torno::control::{Control, Form, Request, backlog};
@@ -104,7 +105,9 @@ fn a_run_can_be_broken_and_the_recording_repeats_that() {
 }
 
 #[test]
+#[expect(clippy::disallowed_methods, reason = "what is told of wall time is held against the wall clock")]
 fn a_run_that_stands_still_can_be_interrupted() {
+    let before = Instant::now();
     let run = Watched::start(&["run", "lathe", "--in-process"]);
     let page = run.page();
     let mut events = page.listen();
@@ -114,6 +117,9 @@ fn a_run_that_stands_still_can_be_interrupted() {
     assert_eq!(events.find("end", |_| true), json!({ "outcome": "interrupted" }));
     let (summary, code) = run.end();
     assert_eq!((summary["outcome"].as_str(), code), (Some("interrupted"), Some(130)));
+    // A second was waited for this browser, which does not ask for what it needs: that is no part of the run.
+    let wall = summary["wall_s"].as_f64().unwrap();
+    assert!(before.elapsed().as_secs_f64() > wall + 0.9, "{summary}");
 }
 
 #[test]

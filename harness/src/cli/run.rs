@@ -206,9 +206,12 @@ impl Arguments {
         };
         let mut played = play.show(recorder, audience, progress, interrupt.received()).await?;
         bar.clear();
+        // That a browser is slow to hear of the end is no part of the run.
+        let wall = started.elapsed();
         if let Some(page) = page {
             page.end(played.outcome()).await;
         }
+        let started = started + (started.elapsed() - wall);
         write_kept(&kept_files, &played.kept)?;
         for unfired in &played.unfired {
             tracing::warn!("{unfired}");
