@@ -30,6 +30,8 @@ const LONGEST: Duration = Duration::from_secs(10);
 const BUFFERED: Span = Span::from_secs(120);
 /// So many things that are wrong are told.
 const TOLD: usize = 20;
+/// So many points of a line are drawn, the first ones. (Ours: a browser draws them at once.)
+const POINTS: usize = 50_000;
 /// The bar as G-code would cut it, where there is none, and the way gone, where the rig is another one, say nothing.
 const LEFT_OUT: [&str; 2] = ["wanted", "gone"];
 
@@ -70,12 +72,16 @@ pub struct DrawnLine {
     pub pieces: Vec<Vec<(f64, f64)>>,
 }
 
+fn is_shown(series: &Series) -> bool {
+    !LEFT_OUT.contains(&series.name.as_str())
+}
+
 impl Drawing {
     /// The first panel of a figure.
     fn first(figure: Figure, equal: bool) -> Option<Self> {
         let Panel { x, y, series, .. } = figure.panels.into_iter().next()?;
-        let shown = series.into_iter().filter(|series| !LEFT_OUT.contains(&series.name.as_str()));
-        let lines = shown.map(DrawnLine::from).filter(|line| !line.pieces.is_empty()).collect();
+        let lines =
+            series.into_iter().filter(is_shown).map(DrawnLine::from).filter(|line| !line.pieces.is_empty()).collect();
         Some(Self { x, y, equal, lines })
     }
 }
@@ -85,7 +91,8 @@ impl From<Series> for DrawnLine {
         let is_gap = |(x, y): &(f64, f64)| x.is_nan() || y.is_nan();
         let fine = |value: f64| (value * 1e4).round() / 1e4;
         let piece = |piece: &[(f64, f64)]| piece.iter().map(|(x, y)| (fine(*x), fine(*y))).collect();
-        let pieces = series.points.split(is_gap).filter(|piece| piece.len() > 1).map(piece).collect();
+        let drawn = &series.points[..series.points.len().min(POINTS)];
+        let pieces = drawn.split(is_gap).filter(|piece| piece.len() > 1).map(piece).collect();
         Self { name: series.name, pieces }
     }
 }
@@ -129,13 +136,22 @@ impl Preview {
             };
             format!("line {}: {word}{}", finding.line, finding.message(Language::English))
         };
-        let preview = Self::with(compiled.findings.iter().map(problem));
-        match &compiled.program {
-            Some(program) => {
-                Self { seconds: Some(program.seconds()), drawing: Drawing::first(graph("", program), false), ..preview }
-            }
-            None => Self { refused: true, ..preview },
+        let mut preview = Self::with(compiled.findings.iter().map(problem));
+        preview.refused = compiled.program.is_none();
+        if let Some(program) = &compiled.program {
+            preview.seconds = Some(program.seconds());
+            preview.draw(graph("", program), false);
         }
+        preview
+    }
+
+    /// Draws the first panel of a figure.
+    fn draw(&mut self, figure: Figure, equal: bool) {
+        let mut shown = figure.panels.first().into_iter().flat_map(|panel| &panel.series).filter(|it| is_shown(it));
+        if shown.any(|series| series.points.len() > POINTS) {
+            self.problems.push(format!("the drawing shows the first {POINTS} points of each way"));
+        }
+        self.drawing = Drawing::first(figure, equal);
     }
 
     /// Nothing is known of a program on a rig that cannot be built again.
@@ -199,7 +215,9 @@ impl<J: Job> Rehearsed<J> {
             (Some(part), Some(path)) => draw_part(&mut preview, part, path, asked, stairs),
             _ => {
                 let tracking = played.trace.as_ref().and_then(|trace| Tracking::of(trace).ok().flatten());
-                preview.drawing = tracking.and_then(|tracking| Drawing::first(tracking.figure(""), true));
+                if let Some(tracking) = tracking {
+                    preview.draw(tracking.figure(""), true);
+                }
             }
         }
         preview
@@ -211,12 +229,14 @@ fn draw_part(preview: &mut Preview, part: &Part, path: ToolPath, asked: Option<A
     let at = part.place(0, 0);
     let asked = &asked.unwrap_or_else(|| Asked::new(at, at));
     let picture = Picture { title: "", asked, part, stairs, turned: Some(&turned.profile) };
-    preview.drawing = Drawing::first(picture.figure(), true);
+    preview.draw(picture.figure(), true);
     preview.events = turned.happenings.iter().map(EventSummary::from).collect();
 }
 
 #[cfg(test)]
 mod tests {
+    use torno_plot::Style;
+
     use super::*;
 
     const FRAMES: &str = include_str!("../builtin/shaft.frames");
@@ -269,6 +289,21 @@ mod tests {
         assert!(stands.events.iter().any(|event| event.event == "stopped"), "{:?}", stands.events);
         let servo = preview("servo", "x10 t1\nx1 q3\ne\n");
         assert!(servo.refused && servo.problems[0].starts_with("line 2: "), "{servo:?}");
+    }
+
+    #[test]
+    fn of_a_long_way_the_beginning_is_drawn_and_that_is_told() {
+        let drawn = |points: usize| {
+            let points = (0..points).map(|n| (n as f64, 0.0)).collect();
+            let series = vec![Series { name: "feed".to_owned(), style: Style::Line, points }];
+            let panel = Panel { x: String::new(), y: String::new(), height: 1.0, series };
+            let mut preview = Preview::default();
+            preview.draw(Figure { title: String::new(), panels: vec![panel] }, false);
+            (preview.drawing.unwrap().lines[0].pieces[0].len(), preview.problems)
+        };
+        assert_eq!(drawn(POINTS), (POINTS, Vec::new()));
+        let (points, problems) = drawn(POINTS + 1);
+        assert_eq!((points, problems.len()), (POINTS, 1));
     }
 
     #[test]
