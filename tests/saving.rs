@@ -165,4 +165,7 @@ fn what_has_happened_is_saved_by_hand_on_the_page() {
     assert_eq!(browser.run(FLAWS), json!([]));
     assert_eq!(browser.complaints, [""; 0]);
     end(up);
+    // What has ended gives nothing more.
+    browser.wait_until("document.getElementById('save').hidden");
+    assert_eq!(browser.run("document.getElementById('program-start').disabled"), true);
 }

@@ -223,6 +223,10 @@ fn the_rig_is_shown_as_it_was_while_it_goes_on_and_when_it_has_ended() {
     browser.wait_until(&format!("{distributed} === '3'"));
     let bar = "document.querySelector('path.bar').getAttribute('d')";
     let then = browser.run(bar);
+    // What was cannot be broken.
+    browser.run("document.querySelector('.line').dispatchEvent(new KeyboardEvent('keydown', { key: 'Enter' }))");
+    let cannot_be_broken = "document.getElementById('break').disabled";
+    assert_eq!(browser.run(cannot_be_broken), true);
     // Meanwhile the rig goes on.
     let now = browser.run(time).as_f64().unwrap();
     browser.wait_until(&format!("{time} > {}", now + 1.0));
@@ -230,11 +234,13 @@ fn the_rig_is_shown_as_it_was_while_it_goes_on_and_when_it_has_ended() {
     browser.run("document.getElementById('past-live').click()");
     browser.wait_until(&format!("Number({distributed}) > 3"));
     assert_eq!(browser.run("document.getElementById('past-time').textContent"), "as it is");
+    assert_eq!(browser.run(cannot_be_broken), false);
     let fast = "(() => { const it = document.getElementById('set-pace'); it.value = 'max'; \
                 it.dispatchEvent(new Event('change')); })()";
     browser.run(fast);
     browser.wait_until("document.getElementById('link').textContent === 'ended: completed'");
     browser.wait_until(&format!("{distributed} === '30'"));
+    assert_eq!(browser.run(cannot_be_broken), true);
     assert_ne!(browser.run(bar), then);
     let (summary, _) = run.end();
     assert_eq!(summary["digest"], DEMONSTRATION);

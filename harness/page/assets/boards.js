@@ -188,7 +188,7 @@ export class Boards {
 
   /** Who waits for whom, and which faults last. */
   #words() {
-    const { state, rig } = this.#model;
+    const { state, rig, fixed } = this.#model;
     const waits = [];
     for (const { name, process, waits_for: others } of state.boards) {
       const gateway = this.#model.board(name)?.gateway;
@@ -201,14 +201,14 @@ export class Boards {
       waits.push(["", gateway ? say("pc_held", name, why) : say("waits_for", name, others.join(", "))]);
     }
     if (!waits.length) waits.push(["dim", say("nobody_waits")]);
-    const key = JSON.stringify([waits, state.faults, rig.rig]);
+    const key = JSON.stringify([waits, state.faults, fixed, rig.rig]);
     if (key === this.#said) return;
     this.#said = key;
     find("waits").replaceChildren(...waits.map(([style, text]) => make("p", { class: style }, text)));
     const faults = state.faults.map((fault) => {
       const since = fault.since === null ? say("lies_in_wait") : say("since", instant(fault.since * 1e-9));
       const until = fault.until === null ? "" : `, ${say("until", instant(fault.until * 1e-9))}`;
-      const button = make("button", { type: "button", onclick: () => heal(fault.name) }, say("heal"));
+      const button = make("button", { type: "button", disabled: fixed, onclick: () => heal(fault.name) }, say("heal"));
       button.setAttribute("aria-label", `${say("heal")}: ${fault.name}`);
       return make("li", {}, make("span", {}, make("b", {}, plain(fault.name)), ` ${since}${until}`), button);
     });

@@ -100,7 +100,8 @@ export class Pick {
     if (!this.#picked) return;
     const { kind, place } = this.#picked;
     const faults = this.#model.faultsAt(place);
-    const state = JSON.stringify(faults.map((fault) => fault.name));
+    const { fixed } = this.#model;
+    const state = JSON.stringify([fixed, faults.map((fault) => fault.name)]);
     if (state === this.#state) return;
     this.#state = state;
     const buttons = faults.map((fault) =>
@@ -112,6 +113,7 @@ export class Pick {
       }
     }
     find("pick-now").replaceChildren(...buttons);
+    for (const button of find("pick").querySelectorAll("#pick-now button, #break")) button.disabled = fixed;
     set(find("pick"), "data-is", faults.length ? "broken" : "whole");
   }
 }

@@ -86,6 +86,11 @@ export class Model {
     return this.state ? this.state.ns * NANO : 0;
   }
 
+  /** Whether nothing can be done to it: this is how it was, or it has ended. */
+  get fixed() {
+    return this.past || this.outcome !== null;
+  }
+
   /** What a board's quantity was, from each instant on. */
   course(board, quantity) {
     return this.#courses.get(`${board} ${quantity}`) ?? [];

@@ -65,6 +65,7 @@ export class Program {
 
   draw() {
     this.#preview.draw();
+    for (const button of ["program-open", "program-start", "program-stop"]) find(button).disabled = this.#model.fixed;
     const program = this.#model.state?.program;
     if (!program) return;
     const { accepted, of, outcome } = program;

@@ -23,7 +23,8 @@ export class Save {
 
   draw() {
     const { kept } = this.#model.state ?? {};
-    find("save").hidden = !kept;
+    // What has ended gives nothing more.
+    find("save").hidden = !kept || this.#model.fixed;
     if (!kept) return;
     const size = say("kept", number(kept.bytes / MIB, 1), number(kept.of / MIB));
     const until = kept.until === null ? "" : say("kept_until", (kept.until * 1e-9).toFixed(3));
