@@ -28,6 +28,8 @@ const SERVO: &str = "servo";
 const LONGEST: Duration = Duration::from_secs(10);
 /// A controller that has answered all lines has buffered motions left: they take no longer, in virtual time. (Ours.)
 const BUFFERED: Span = Span::from_secs(120);
+/// A longer text is not looked at, in bytes. (Ours: one of 40 MiB took 44 s and 1.1 GB.)
+const LENGTH_MAX: usize = 8 << 20;
 /// So many things that are wrong are told.
 const TOLD: usize = 20;
 /// So many points of a line are drawn, the first ones. (Ours: a browser draws them at once.)
@@ -98,8 +100,12 @@ impl From<Series> for DrawnLine {
 }
 
 impl Preview {
-    /// What is known of the program in a text, for this rig. Takes 10 s at the most.
+    /// What is known of the program in a text, for this rig. Takes some seconds at the most.
     pub fn of(file: &RigFile, text: &str) -> Self {
+        if text.len() > LENGTH_MAX {
+            let most = LENGTH_MAX >> 20;
+            return Self::with(core::iter::once(format!("a program of more than {most} MiB is played, but not drawn")));
+        }
         if file.pc.dialect.name() == SERVO {
             return Self::of_motions(text);
         }
@@ -289,6 +295,14 @@ mod tests {
         assert!(stands.events.iter().any(|event| event.event == "stopped"), "{:?}", stands.events);
         let servo = preview("servo", "x10 t1\nx1 q3\ne\n");
         assert!(servo.refused && servo.problems[0].starts_with("line 2: "), "{servo:?}");
+    }
+
+    #[test]
+    fn a_program_that_would_take_minutes_is_not_looked_at() {
+        let of_length = |length: usize| preview("servo", &"x".repeat(length));
+        let long = of_length(LENGTH_MAX + 1);
+        assert!(!long.refused && long.seconds.is_none() && long.problems[0].contains("8 MiB"), "{long:?}");
+        assert!(of_length(LENGTH_MAX).refused);
     }
 
     #[test]
