@@ -158,13 +158,8 @@ pub enum Text {
         /// What is strange about it, with its line.
         findings: Vec<String>,
     },
-    /// Lines for a controller.
-    Lines {
-        /// They, with one before them that says where the tool stands.
-        job: LineJob,
-        /// The path that they ask for, if that is known.
-        asked: Option<Asked>,
-    },
+    /// Lines for a controller, with one before them that says where the tool stands.
+    Lines(LineJob),
 }
 
 impl Text {
@@ -176,11 +171,8 @@ impl Text {
         let dialect = file.pc.dialect;
         let for_rig = settings(file, None, Side::default());
         if dialect.counts_characters() {
-            let first = for_rig.as_ref().map_or_else(|_| String::new(), |for_rig| first_line(for_rig.start));
-            let plan = for_rig.ok().map(|for_rig| Plan::new(text, for_rig, Some(Dialect::LinuxCnc)));
-            // What the interpreter does not know, the controller may.
-            let asked = plan.filter(|plan| !plan.outcome.is_refused()).map(|plan| plan.asked);
-            return Ok(Self::Lines { job: LineJob::new(&first, text), asked });
+            let first = for_rig.map_or_else(|_| String::new(), |for_rig| first_line(for_rig.start));
+            return Ok(Self::Lines(LineJob::new(&first, text)));
         }
         if dialect.name() != Program::DIALECT {
             let player = dialect.player_at_port().unwrap_or_else(|| dialect.player());
@@ -197,6 +189,13 @@ impl Text {
         }
         Ok(Self::Frames { program: plan.program, asked: Some(plan.asked), findings })
     }
+}
+
+/// The path that lines for a rig's controller ask for. None, if that is not known: what the interpreter refuses, the
+/// controller may take.
+pub fn asked_by_lines(file: &RigFile, text: &str) -> Option<Asked> {
+    let plan = Plan::new(text, settings(file, None, Side::default()).ok()?, Some(Dialect::LinuxCnc));
+    (!plan.outcome.is_refused()).then_some(plan.asked)
 }
 
 /// Whether a text is G-code rather than frames: it begins with neither a hexadecimal number nor a comment of theirs.

@@ -13,7 +13,7 @@ use torno_protocol::time::{Instant, Span};
 use torno_servo::{Finding, Language, Limits, Severity, compile};
 
 use crate::job::{FrameJob, Job, LineJob};
-use crate::planning::Text;
+use crate::planning::{Text, asked_by_lines};
 use crate::play::{Play, PlayEnd, Played, Progress};
 use crate::report::{EventSummary, failures};
 use crate::rig::Driver;
@@ -120,7 +120,8 @@ impl Preview {
                 rehearsed
                     .map_or_else(Self::unknown, |rehearsed| rehearsed.preview(file, findings, told, asked, &stairs))
             }
-            Ok(Text::Lines { job, asked }) => {
+            Ok(Text::Lines(job)) => {
+                let asked = asked_by_lines(file, text);
                 let told = |LineJob { refused, alarm, .. }: &LineJob| {
                     let refused = refused.iter().map(|(line, why)| format!("line {line}: {why}"));
                     refused.chain(alarm.clone()).collect()

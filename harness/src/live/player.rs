@@ -40,7 +40,7 @@ impl Player {
     /// What is wrong with it, for people.
     pub(super) fn read(file: &RigFile, text: &str) -> Result<Self, String> {
         Ok(match Text::read(file, text)? {
-            Text::Lines { job, .. } => Self::new(job.total(), job),
+            Text::Lines(job) => Self::new(job.total(), job),
             Text::Frames { program, .. } => Self::new(program.frames.len(), FrameJob::new(program)),
         })
     }
