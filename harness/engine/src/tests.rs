@@ -457,6 +457,16 @@ proptest! {
     }
 }
 
+/// Two boards with a line each way.
+fn pair() -> Engine {
+    let mut engine = Engine::new();
+    (0..2).for_each(|_| _ = engine.add_node(1));
+    let end = |node| End { node, port: 0 };
+    engine.add_line(end(0), end(1));
+    engine.add_line(end(1), end(0));
+    engine
+}
+
 /// What a board tells that waits for silence, and is otherwise still.
 fn waiting(from: Instant, deadline: Instant) -> Report {
     Report {
@@ -470,11 +480,7 @@ fn waiting(from: Instant, deadline: Instant) -> Report {
 #[test]
 fn time_goes_no_further_than_a_silence_that_a_board_waits_for() {
     let ms = |ms: u64| Instant::START + Span::from_millis(ms);
-    let mut engine = Engine::new();
-    (0..2).for_each(|_| _ = engine.add_node(1));
-    let end = |node| End { node, port: 0 };
-    engine.add_line(end(0), end(1));
-    engine.add_line(end(1), end(0));
+    let mut engine = pair();
     engine.answer(0, waiting(ms(10), ms(60))).unwrap();
     let mute = Report { horizon: Instant::NEVER, mute_since: Some(ms(0)), ..waiting(ms(0), ms(0)) };
     engine.answer(1, Report { silences: vec![], ..mute.clone() }).unwrap();

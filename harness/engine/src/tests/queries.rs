@@ -98,11 +98,7 @@ fn what_a_board_has_told_counts_as_redone_if_it_then_hears_something_earlier() {
 #[test]
 fn a_character_breaks_a_silence_only_if_it_comes_before_the_deadline() {
     let silence_with_a_character_at = |at| {
-        let mut engine = Engine::new();
-        (0..2).for_each(|_| _ = engine.add_node(1));
-        let end = |node| End { node, port: 0 };
-        engine.add_line(end(0), end(1));
-        engine.add_line(end(1), end(0));
+        let mut engine = pair();
         engine.answer(0, waiting(ms(10), ms(60))).unwrap();
         let mut uart = Transmitter::hardware(BAUD, Clock::TRUE);
         uart.push(b'!');
