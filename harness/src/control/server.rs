@@ -57,10 +57,10 @@ pub struct Reply {
 
 impl Answer {
     /// Answers. That the client has gone is no error.
-    pub fn give<T: Serialize, E: std::fmt::Display>(self, result: Result<T, E>) {
+    pub fn give<T: Serialize>(self, result: Result<T, String>) {
         let answer = match result {
             Ok(value) => done(&value),
-            Err(error) => refused(&error.to_string()),
+            Err(why) => refused(&why),
         };
         self.0.send(Reply { line: answer, file: None }).ok();
     }

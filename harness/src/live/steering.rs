@@ -53,7 +53,7 @@ impl Live {
         let (file, rehearsal) = (Arc::clone(&self.file), Arc::clone(&self.rehearsal));
         std::thread::spawn(move || {
             let _one = rehearsal.lock().unwrap_or_else(PoisonError::into_inner);
-            answer.give(Ok::<_, String>(Preview::of(&file, &program)));
+            answer.give(Ok(Preview::of(&file, &program)));
         });
     }
 

@@ -6,7 +6,6 @@ pub use shown::{Role, Shown};
 
 use std::time::Duration;
 
-use serde::Serialize;
 use torno_protocol::board::Stimulus;
 use torno_protocol::time::{Instant, Span};
 
@@ -145,14 +144,14 @@ impl Steering {
     /// Everything before `now` has happened: tells who has waited for that.
     pub(crate) fn arrive(&mut self, now: Instant) {
         if let Some((_, answer)) = self.stepping.take_if(|(target, _)| *target <= now) {
-            give(answer, Ok(done(now)));
+            answer.give(Ok(done(now)));
         }
     }
 
     /// A step that is under way will not come to its end.
     fn end_step(&mut self, what: &str, now: Instant) {
         if let Some((target, answer)) = self.stepping.take() {
-            give(answer, Err::<Done, _>(format!("the step to {target} is ended by a {what} at {now}")));
+            answer.give(Err::<Done, _>(format!("the step to {target} is ended by a {what} at {now}")));
         }
     }
 
@@ -190,45 +189,45 @@ impl Steering {
         let Call { request, answer, rows } = call;
         let now = scene.now;
         match request {
-            Request::State => give(answer, Ok(self.state(scene))),
-            Request::Fault { fault } => give(answer, self.break_it(&fault, scene)),
-            Request::Heal { name } => give(answer, heal(&name, scene)),
-            Request::Power { board, on } => give(answer, power(&board, on, scene)),
+            Request::State => answer.give(Ok(self.state(scene))),
+            Request::Fault { fault } => answer.give(self.break_it(&fault, scene)),
+            Request::Heal { name } => answer.give(heal(&name, scene)),
+            Request::Power { board, on } => answer.give(power(&board, on, scene)),
             Request::Pause => {
                 self.end_step("pause", now);
                 scene.brake.pause(now);
-                give(answer, Ok(done(now)));
+                answer.give(Ok(done(now)));
             }
             Request::Resume => {
                 self.end_step("resume", now);
                 scene.brake.resume(now);
-                give(answer, Ok(done(now)));
+                answer.give(Ok(done(now)));
             }
             Request::Step { span } => match parse_span(&span) {
                 Ok(span) => self.step_on(now + span, answer, scene.brake),
-                Err(message) => give(answer, Err::<Done, _>(message)),
+                Err(message) => answer.give(Err::<Done, _>(message)),
             },
             Request::Pace { pace } => {
                 let pace = pace.parse::<Pace>().map(|pace| {
                     scene.brake.set_pace(pace, now);
                     done(now)
                 });
-                give(answer, pace);
+                answer.give(pace);
             }
-            Request::Part => give(answer, self.part(scene.path, now)),
+            Request::Part => answer.give(self.part(scene.path, now)),
             Request::Watch { lines, boards, kinds, form } => {
                 let wanted = Wanted { from: now, to: None, lines, boards, kinds };
-                give(answer, self.watch(&wanted, form, rows).map(|()| done(now)));
+                answer.give(self.watch(&wanted, form, rows).map(|()| done(now)));
             }
             Request::Play { .. } | Request::Stop | Request::Preview { .. } | Request::Save { .. } => {
-                give(answer, Err::<Done, _>("this is for a rig that is up: expected 'torno up'".to_owned()));
+                answer.give(Err::<Done, _>("this is for a rig that is up: expected 'torno up'".to_owned()));
             }
         }
     }
 
     fn step_on(&mut self, target: Instant, answer: Answer, brake: &mut Brake) {
         if self.stepping.is_some() {
-            return give(answer, Err::<Done, _>("a step is under way already".to_owned()));
+            return answer.give(Err::<Done, _>("a step is under way already".to_owned()));
         }
         brake.pause(target);
         self.stepping = Some((target, answer));
@@ -317,14 +316,9 @@ const fn done(at: Instant) -> Done {
     Done { ns: at.as_nanos() }
 }
 
-/// Answers.
-pub(crate) fn give<T: Serialize>(answer: Answer, result: Result<T, Refused>) {
-    answer.give(result);
-}
-
 /// Answers that something was done at `now`, or why it was not.
 pub(crate) fn tell_done(answer: Answer, result: Result<(), Refused>, now: Instant) {
-    give(answer, result.map(|()| done(now)));
+    answer.give(result.map(|()| done(now)));
 }
 
 fn heal(name: &str, Scene { session, now, .. }: Scene<'_>) -> Result<Done, Refused> {

@@ -8,7 +8,7 @@ use torno_machines::workpiece::ToolPath;
 use torno_protocol::time::{Instant, Span};
 use torno_trace::Header;
 
-use super::{AT_ONCE, Before, KEEP_UP, Scene, Steering, WATCHED, give};
+use super::{AT_ONCE, Before, KEEP_UP, Scene, Steering, WATCHED};
 use crate::control::{Call, Control, Done, ProgramState, Request};
 use crate::observe::log;
 use crate::pace::{Brake, Lapse, Pace};
@@ -169,7 +169,7 @@ impl Shown {
     /// Does what is asked, if it fits. Gives what has happened meanwhile.
     async fn carry_out(&mut self, session: &mut Session, call: Call) -> Result<Happened, SessionError> {
         if let Some(why) = self.role.refuses(&call.request) {
-            give(call.answer, Err::<Done, _>(why.to_owned()));
+            call.answer.give(Err::<Done, _>(why.to_owned()));
             return Ok(Happened::default());
         }
         let happened = match Before::of(&call.request) {
