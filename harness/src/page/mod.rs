@@ -23,7 +23,6 @@ use crate::control::{Asker, Rows, pieces};
 use crate::rig::file::RigFile;
 use crate::steering::Role;
 use hub::Hub;
-use past::Asked;
 
 /// A browser that does not read is told of the end for so long at the most. (Ours.)
 const FAREWELL: Duration = Duration::from_secs(1);
@@ -86,13 +85,9 @@ impl Drop for Page {
 
 impl Behind for Rig {
     async fn ask(&self, request: String) -> Answer {
-        match serde_json::from_str(&request) {
-            Ok(Asked::Past { ns }) => return Answer::Json(self.hub.past(ns)),
-            Err(error) if error.is_data() => {
-                return Answer::Json(json!({ "error": format!("expected a request: {error}") }).to_string());
-            }
-            // The rig says what else is wrong with it.
-            Ok(Asked::OfRig) | Err(_) => {}
+        if let Some(instant) = past::asked(&request) {
+            let refused = |error| json!({ "error": format!("expected a request: {error}") }).to_string();
+            return Answer::Json(instant.map_or_else(refused, |ns| self.hub.past(ns)));
         }
         let reply = self.asker.ask_line(&request, &Rows::nowhere()).await;
         match reply.file {

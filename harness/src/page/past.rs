@@ -1,8 +1,10 @@
 //! What browsers were told lately, so that they can show the rig as it was: bounded, and the oldest is dropped.
 
+use std::borrow::Cow;
 use std::collections::VecDeque;
 
 use serde::Deserialize;
+use serde::de::IgnoredAny;
 use serde_json::{Value, json};
 
 /// So many bytes are kept. (Ours: half an hour of the lathe's demonstration at pace 1.)
@@ -45,18 +47,28 @@ impl Told {
     }
 }
 
-/// What a browser asks of the past, or else of the rig.
-#[derive(Debug, Deserialize)]
-#[serde(tag = "do", rename_all = "kebab-case", deny_unknown_fields)]
-pub(super) enum Asked {
-    /// The rig as it was at an instant.
-    Past {
-        /// When.
-        ns: u64,
-    },
-    /// Whatever else is asked.
-    #[serde(other)]
-    OfRig,
+/// The request for the rig as it was at an instant.
+const NAME: &str = "past";
+
+/// Which request it is. A long one is looked through, not copied.
+#[derive(Deserialize)]
+struct Named<'a> {
+    #[serde(rename = "do", borrow)]
+    name: Cow<'a, str>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Asked {
+    #[serde(rename = "do")]
+    _name: IgnoredAny,
+    ns: u64,
+}
+
+/// The instant of the past that a browser asks for, or what is wrong with it. None, if it asks the rig for something.
+pub(super) fn asked(request: &str) -> Option<serde_json::Result<u64>> {
+    let named: Named<'_> = serde_json::from_str(request).ok()?;
+    (named.name == NAME).then(|| serde_json::from_str(request).map(|Asked { ns, .. }| ns))
 }
 
 impl Past {
@@ -137,10 +149,9 @@ mod tests {
         assert_eq!(given(&past, 6), ((0..=6).collect(), json!(4)));
         assert_eq!(given(&past, u64::MAX), ((0..20).collect(), json!(16)));
         assert_eq!(given(&Past::new(ROOM), 6), (Vec::new(), Value::Null));
-        let asked: Asked = serde_json::from_str(r#"{"do":"past","ns":6}"#).unwrap();
-        assert!(matches!(asked, Asked::Past { ns: 6 }));
-        let asked: Asked = serde_json::from_str(r#"{"do":"fault","fault":"x"}"#).unwrap();
-        assert!(matches!(asked, Asked::OfRig));
+        assert_eq!(asked(r#"{"do":"past","ns":6}"#).unwrap().unwrap(), 6);
+        assert!(asked(r#"{"do":"past","ns":-6}"#).unwrap().is_err());
+        assert!(asked(r#"{"do":"fault","fault":"x"}"#).is_none());
     }
 
     #[test]
